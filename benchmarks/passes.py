@@ -45,10 +45,10 @@ RATES_HZ = {"rgbd-one-walker": 5.0, "rgbd-six-people": 5.0}
 """Frame rates of real recordings without times, as the files that describe them give them."""
 
 
-def bench_engine(recording: Path, tracker: str, config: Config | None) -> Engine:
+def bench_engine(recording: Path, tracker: str, config: Config | None, camera: Path | None = None) -> Engine:
     """An engine of a recording with a tracker of planview, or the baseline "peaks" (errors as of ``open_engine``)."""
     followed_by = cast(Any, PeakTracker() if tracker == "peaks" else tracker)
-    return open_engine(recording, followed_by, config, options=OpenOptions(fps=RATES_HZ.get(recording.name)))
+    return open_engine(recording, followed_by, config, camera, OpenOptions(fps=RATES_HZ.get(recording.name)))
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from calib.ground_camera import load_ground_camera, save_ground_camera
 from calib.types import I64, AnyArray
 from planview.engine.config import Config, load_config
 from planview.engine.engine import Recording
-from planview.engine.open import base_config, open_engine
+from planview.engine.open import base_config
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import Evaluation
 from planview.output.script import run
@@ -358,10 +358,8 @@ def _score(
     """Figures of one run, compared with the tracks of the ``plain`` recording; its tracks."""
     boxes = (folder / "gt.txt").is_file()
     truth: Trajectories = load_truth(folder / "gt.txt") if boxes else truth_of(folder)
-    if boxes:
-        engine = open_engine(next(folder.glob("*.mp4")), tracker, camera=o.camera)  # type: ignore[arg-type]
-    else:
-        engine = bench_engine(folder, tracker, Config())
+    recording, camera = (next(folder.glob("*.mp4")), o.camera) if boxes else (folder, None)
+    engine = bench_engine(recording, tracker, Config(), camera)
     n = min(o.frames or engine.recording.n_frames, engine.recording.n_frames)
     engine.recording = Damaged(engine.recording, kind, length, [int(share * n) for share in o.at])
     tracks = run(engine, frames=n)

@@ -22,13 +22,14 @@ import numpy as np
 from cyclopts import Parameter
 
 from benchmarks.options import Flag, JsonFlag, Row, progress, report, scene_files
+from benchmarks.passes import bench_engine
 from calib.errors import InputError, WorkError
 from calib.images import as_grey
 from calib.rig import StereoRig
 from calib.types import F32, F64, I32, I64, U8, AnyArray, Bool
 from planview.engine.config import load_config
 from planview.engine.engine import STAGES, Engine
-from planview.engine.open import TrackerName, open_engine
+from planview.engine.open import TrackerName
 from planview.synthetic.assets import DEMO
 from planview.synthetic.render import SceneRenderer
 from planview.synthetic.scene import Scene, load_scene
@@ -242,7 +243,7 @@ def speed(*, options: SpeedOptions | None = None) -> None:
     if o.start:
         report(o.json_output, start=start_up(o.recording))
         return
-    engine = open_engine(o.recording, o.tracker, load_config(overrides=o.set_), o.camera)
+    engine = bench_engine(o.recording, o.tracker, load_config(overrides=o.set_), o.camera)
     report(o.json_output, **compared(engine, o.frames))
 
 

@@ -25,9 +25,6 @@ T = TypeVar("T")
 S = TypeVar("S")
 H = TypeVar("H", covariant=True)
 
-DEFAULT_FPS = 30.0
-"""Assumed for images without times."""
-
 
 @dataclass
 class OpenOptions:
@@ -74,7 +71,7 @@ class Frame(Generic[S]):
 
     Attributes:
         index: position in the recording, from 0; skipped frames leave gaps.
-        timestamp_s: seconds since the recording's first frame.
+        timestamp_s: seconds since the recording's first frame; NaN where nothing gives the times.
         shots: of each head, None where it has none.
     """
 
@@ -116,21 +113,20 @@ class FrameClock(NamedTuple):
     """When the frames of a recording were taken.
 
     Attributes:
-        fps: nominal frames per second.
+        fps: nominal frames per second; NaN where nothing gives the times, which ``notes`` then say.
         times_s: (n,) float64 [s] by frame index, NaN where unknown; None takes the times of the decoded frames.
-        notes: what was assumed.
+        notes: what was found about the times.
         even: frames are ``fps`` apart, whatever times the files hold.
-        assumed: nothing gives the rate.
     """
 
     fps: float
     times_s: F64 | None = None
     notes: tuple[str, ...] = ()
     even: bool = False
-    assumed: bool = False
 
     def time(self, frame: Decoded) -> float:
-        """Of a frame [s]; where the table has none, between its neighbours, beyond its end at the nominal rate."""
+        """Of a frame [s]; where the table has none, between its neighbours, beyond its end at the nominal rate. NaN
+        where nothing gives the times."""
         index, times = frame.index, self.times_s
         if times is None:
             return index / self.fps if self.even or frame.timestamp_s is None else frame.timestamp_s
@@ -141,10 +137,9 @@ class FrameClock(NamedTuple):
         return float(np.interp(index, known, times[known]) + beyond / self.fps)
 
 
-def assumed_clock(fps: float, even: bool = False, why: str = "") -> FrameClock:
-    """Of images without any times, with a note; ``why`` follows the rate in it."""
-    note = f"no timestamps: {fps:g} frames per second are assumed{why}; set the rate if it is another"
-    return FrameClock(fps, None, (note,), even, assumed=True)
+def no_clock(*notes: str) -> FrameClock:
+    """Of frames whose times nothing gives, as the notes say."""
+    return FrameClock(math.nan, None, notes, even=True)
 
 
 def prefetch(items: Iterable[T], depth: int = 8) -> Generator[T, None, None]:
@@ -276,11 +271,6 @@ class Recording(Generic[H]):
     def times_s(self) -> F64 | None:
         return self.clock.times_s
 
-    def assume(self, clock: FrameClock) -> None:
-        """Take other times and their notes."""
-        self.notes = [note for note in self.notes if note not in self.clock.notes] + list(clock.notes)
-        self.clock = clock
-
     def __iter__(self) -> Iterator[Frame[Shot]]:
         self.skipped = skipped = []
         last = -1
@@ -314,6 +304,12 @@ class Recording(Generic[H]):
             return Frame(first.index, self.clock.time(first), (head.shot(*images),))
         reasons = zip(head.sides, parts, strict=True)
         return Skipped(first.index, "; ".join(side + part.why for side, part in reasons if part.why))
+
+
+def refuse_untimed(recording: Any) -> None:
+    """Raises InputError: nothing gives the times of the frames of a recording, without which nobody can be followed."""
+    if math.isnan(recording.fps):
+        raise InputError(f"{recording.path}: {'; '.join(recording.clock.notes)}", remedy="fps")
 
 
 class LiveRecording(Recording[Pair]):

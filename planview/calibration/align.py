@@ -27,7 +27,7 @@ from planview.evaluation.align import floor_rotation
 from planview.maps.grid import FloorRig
 from planview.trajectories.table import Trajectories, TrajectoryCollector
 from stereo.depth import back_project, median_image
-from stereo.readers import open_any
+from stereo.readers import OpenOptions, open_any
 
 TICK_S = 0.1
 """Time between the samples of a path [s]: a walker moves a hand's breadth in it."""
@@ -117,9 +117,9 @@ class RigRecord:
     scene: F32
 
 
-def record_rig(path: Path, config: Config | None = None) -> RigRecord:
-    """Track a rig's recording and gather the scene behind the people."""
-    engine = engine_of(open_any(path), config=config or Config())
+def record_rig(path: Path, config: Config | None = None, fps: float | None = None) -> RigRecord:
+    """Track a rig's recording and gather the scene behind the people; ``fps`` in place of its own times."""
+    engine = engine_of(open_any(path, OpenOptions(fps=fps)), config=config or Config())
     (view,) = engine.rigs.values()
     collector, disparities = TrajectoryCollector(), []
     # Frames, spread over the recording, whose median is the scene without people.

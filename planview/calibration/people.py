@@ -20,7 +20,7 @@ from calib.types import F64, U8, Bool
 from planview.engine.config import SingleCameraParams
 from planview.engine.head import CameraHead, StageClock
 from planview.foreground.ghosts import Blobs, find_blobs
-from stereo.recording import OneCamera, Recording
+from stereo.recording import OneCamera, Recording, refuse_untimed
 
 GIVEN = (255, 140, 0)
 COMPUTED = (200, 60, 255)
@@ -111,8 +111,10 @@ def collect_samples(
     Every frame gives a sample per blob that touches neither the image's edge nor another blob. Blobs that walk are
     kept, and of these the ones that have the size of most blobs at their place, so that pairs, parts and shadows fall
     out. Head and foot are the ends of the blob's longest axis, the head the upper one; where most blobs have no longest
-    axis (from straight above) both are its middle. Raises WorkError: too few samples, or none of a usual size.
+    axis (from straight above) both are its middle. Raises InputError: frames without times. WorkError: too few
+    samples, or none of a usual size.
     """
+    refuse_untimed(video)
     camera, clock = CameraHead(SingleCameraParams(), video.head.size), StageClock()
     paths: list[_Path] = []
     for frame in video:

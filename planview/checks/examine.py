@@ -53,7 +53,7 @@ from stereo.depth import Depth, back_project, median_image
 from stereo.floor import DepthFrames, FloorSearch, PairFrames, setup_frames, spread_frames
 from stereo.matcher import SATURATED_LEVEL
 from stereo.readers import OpenOptions, find_layout, holds_pair, open_any, open_video
-from stereo.recording import OneCamera, Recording
+from stereo.recording import OneCamera, Recording, refuse_untimed
 
 LINE_STEP_PX = 25
 FLOOR_BAND_M = 0.10
@@ -156,20 +156,22 @@ def examine(
         person_height_m: height of the people in it, when known: checks baseline and units.
         search: how a run looks for the floor, with the defaults of a run when None.
     Raises:
-        InputError: there is nothing at that path, or people's height is known and one camera cannot measure it.
+        InputError: there is nothing at that path, nothing gives the times of its frames, or people's height is known
+            and one camera cannot measure it.
         WorkError: not one frame can be decoded.
     """
     if not path.exists():
         raise missing(path)
     options, search = options or OpenOptions(), search or FloorSearch()
     try:
-        if video := _video_of_one(path, options):
-            if person_height_m is not None:
-                raise InputError(f"{path}: expected a pair or images with depth to measure people, found one camera")
-            return Diagnosis(tuple(_checks_of_one(*video, frames, search)))
-        recording = open_any(path, options)
+        recording = _video_of_one(path, options) or open_any(path, options)
     except InputError as error:
         return Diagnosis((Check("calibration and layout", False, 0.0, note=str(error)),))
+    if isinstance(recording, tuple):
+        if person_height_m is not None:
+            raise InputError(f"{path}: expected a pair or images with depth to measure people, found one camera")
+        return Diagnosis(tuple(_checks_of_one(*recording, frames, search)))
+    refuse_untimed(recording)
     seen, floor, refused = spread_frames(recording, search), None, ""
     try:
         floor = seen.floor()
@@ -240,7 +242,9 @@ def _video_of_one(path: Path, options: OpenOptions) -> tuple[Recording[OneCamera
 def _checks_of_one(
     video: Recording[OneCamera], camera: GroundCamera | None, frames: int, search: FloorSearch
 ) -> list[Check]:
-    """Checks of one camera: times, light, whether it stands still, and its calibration."""
+    """Checks of one camera: times, light, whether it stands still, and its calibration. Raises InputError: frames
+    without times."""
+    refuse_untimed(video)
     spread = setup_frames(video, search.frames)
     run, times = _run_of(video, spread, frames, search)
     steadiness = Steadiness()

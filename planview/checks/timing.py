@@ -221,14 +221,7 @@ def frame_checks(recording: Recording[Any], spread: Sequence[Any], run: Sequence
         limited("usable frames", usable, "", "share of the frames read that can be decoded", least=0.9),
         # One dropped frame passes, two in a row do not.
         limited("timestamp gap", longest_step(known), "steps", gap, most=2.5, warns=True),
-        *rate_checks(recording),
     ]
-
-
-def rate_checks(recording: Recording[Any]) -> list[Check]:
-    """A warning where nothing gives the frame rate."""
-    note = f"{recording.fps:g} per second are assumed, and all speeds and identities depend on it: give the rate (fps)"
-    return [Check("frame rate", False, recording.fps, note=note, warns=True)] * recording.clock.assumed
 
 
 class SpeedWatch:

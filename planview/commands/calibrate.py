@@ -23,7 +23,7 @@ from calib.io import parse_length, parse_size
 from calib.world import save_rigs
 from planview.calibration.align import RigAlignment, align_records, record_rig, relative_to, rig_entries
 from planview.calibration.board import BoardRequest, calibrate_images, write_report
-from planview.commands.options import Flag, JsonFlag, OneSetting, Settings, in_range, say
+from planview.commands.options import Flag, FrameRate, JsonFlag, OneSetting, Settings, in_range, say
 from planview.engine.config import load_config
 from planview.output.progress import PlainConsole
 
@@ -37,6 +37,7 @@ class AlignOptions:
     """rigs.toml to write, in a folder above all heads; that folder is then a recording of several heads."""
     clock: float = 10.0
     """Largest difference of the times at which the recordings begin [s]; a longer search takes longer."""
+    fps: FrameRate = None
     config: Settings = None
     set_: OneSetting = ()
     json_output: JsonFlag = False
@@ -72,7 +73,7 @@ def calibrate_align(first: Path, second: Path, /, *others: Path, options: AlignO
     config, records = load_config(options.config, options.set_), []
     for head in heads:
         with PlainConsole(stderr=True).status(f"tracking {head.name}"):
-            records.append(record_rig(head, config))
+            records.append(record_rig(head, config, options.fps))
     alignments = align_records(records, options.clock)
     for record, alignment in zip(records[1:], alignments, strict=True):
         say(sentence(record.path.name, alignment))

@@ -28,7 +28,7 @@ from calib.types import F64, U8
 from calib.world import load_world, save_world
 from planview.calibration.floor import AXIS, GRID, FloorDepths, draw_grid, floor_from_tracks
 from planview.calibration.people import COMPUTED, collect_samples, crowd, draw_person, draw_samples, floor_around
-from planview.commands.options import Flag, JsonFlag, in_range, say
+from planview.commands.options import Flag, FrameRate, JsonFlag, in_range, say
 from planview.drawing.style import Entry, as_bgr, with_legend
 from planview.engine.config import load_config
 from planview.engine.setup import floor_search
@@ -221,6 +221,7 @@ class HumanOptions:
     """Height of the camera above the floor, where it is known [m]."""
     count: int = 50
     """How many samples --auto takes."""
+    fps: FrameRate = None
     json_output: JsonFlag = False
 
 
@@ -242,7 +243,8 @@ def calibrate_human(samples: Path, /, *, options: HumanOptions = HumanOptions())
         raise InputError(f"--lens: expected one of {', '.join(LENS_K_320)}, found {options.lens!r}")
     known = _known(options)
     in_range("--count", options.count, 3, 200)
-    video = open_video(samples) if options.auto else open_video(options.frames) if options.frames else None
+    source = samples if options.auto else options.frames
+    video = open_video(source, OpenOptions(fps=options.fps)) if source else None
     size = _size(options.image_size, video, None if options.auto else read_image_size(samples), samples)
     if options.auto and video is not None:
         say(f"following people through {video.n_frames} frames of {samples}")

@@ -21,7 +21,7 @@ JsonFlag = Annotated[bool, Parameter(name="--json", negative="", help="Print one
 Topics = Annotated[
     str | None, Parameter(help="Topics of a bag, LEFT,RIGHT or IMAGE,DEPTH, where they are not clear from their names.")
 ]
-FrameRate = Annotated[float | None, Parameter(help="Frames per second, in place of the recording's own times.")]
+FrameRate = Annotated[float | None, Parameter(help="Frames per second, where times are missing or wrong.")]
 Settings = Annotated[Path | None, Parameter(help="TOML file with parameters of a run, a table per stage.")]
 OneSetting = Annotated[
     Sequence[str],

@@ -157,7 +157,9 @@ def _found(path: Path, reader: Reader, layout: Layout) -> dict[str, Any]:
     except InputError as error:
         error.remedy = error.remedy or "calibration"
         missing = [typed(error)]
-    fps = layout.clock.fps if opened is None else opened.fps  # estimated, where the images have no times
+    fps = layout.clock.fps if math.isfinite(layout.clock.fps) else None
+    if fps is None:
+        missing.append(f"{path}: the times of the frames; use --fps, or add a timestamps.csv")
     cameras = [_camera(stream, fps) for stream in layout.streams]
     durations = [camera["duration_s"] for camera in cameras if camera["duration_s"] is not None]
     size, calibration, has_world = layout.streams[0].size, None, False
@@ -181,7 +183,7 @@ def _found(path: Path, reader: Reader, layout: Layout) -> dict[str, Any]:
         "frames": layout.n_frames,
         "unpaired": layout.unpaired,
         "fps": fps,
-        "duration_s": max(durations, default=layout.n_frames / fps),
+        "duration_s": max(durations, default=fps and layout.n_frames / fps),
         "size": list(size),
         "calibration": calibration,
         "floor": "world.toml" if has_world else "to be found in the recording",
@@ -190,7 +192,7 @@ def _found(path: Path, reader: Reader, layout: Layout) -> dict[str, Any]:
     }
 
 
-def _camera(stream: Stream, nominal_fps: float) -> dict[str, Any]:
+def _camera(stream: Stream, nominal_fps: float | None) -> dict[str, Any]:
     rate = None if stream.times_s is None else rate_of_times(stream.times_s)
     known = asdict(rate) if rate else dict.fromkeys(field.name for field in fields(Rate)) | {"fps": nominal_fps}
     size = list(stream.size)
@@ -207,7 +209,7 @@ def _show(found: dict[str, Any], name: str) -> None:
         if camera["jitter_ms"] is not None:
             jitter = f"{camera['jitter_ms']:.2f} ms"
             gaps = f"{camera['gaps']} ({camera['dropped']} frames)" if camera["gaps"] else "none"
-        size, rate = "x".join(map(str, camera["size"])), f"{camera['fps']:.3f}"
+        size, rate = "x".join(map(str, camera["size"])), f"{camera['fps']:.3f}" if camera["fps"] else "-"
         table.add_row(camera["name"], size, camera["pixels"], str(camera["frames"]), rate, jitter, gaps)
     console.print(table)
     alone = f", {found['unpaired']} without a mate" if found["unpaired"] else ""
@@ -220,7 +222,8 @@ def _show(found: dict[str, Any], name: str) -> None:
             f"lens {calibration['lens']} ({calibration['source']})"
         )
     facts = Table(show_header=False, box=None, pad_edge=False)
-    facts.add_row("frames", f"{found['frames']} at {found['fps']:.3f} per second, {found['duration_s']:.2f} s{alone}")
+    timed = f" at {found['fps']:.3f} per second, {found['duration_s']:.2f} s" if found["fps"] else ""
+    facts.add_row("frames", f"{found['frames']}{timed}{alone}")
     facts.add_row("calibration", text)
     facts.add_row("floor", found["floor"])
     for title, lines in (("missing", found["missing"]), ("note", found["notes"])):

@@ -25,7 +25,7 @@ from planview.trajectories.boxes import Detections, load_detections
 from stereo.matcher import Matcher
 from stereo.readers import OpenOptions, holds_pair, open_any, open_video
 from stereo.readers.open import SeveralHeads, is_multi_rig, open_rigs
-from stereo.recording import OneCamera, Pair, Recording
+from stereo.recording import OneCamera, Pair, Recording, refuse_untimed
 
 TrackerName = Literal["joint", "template", "human-model", "ellipse-particle"]
 ImageTrackerName = Literal["human-model", "ellipse-particle"]
@@ -86,7 +86,7 @@ def open_source(
     if is_maps(path) or is_multi_rig(path):
         if (foreign := camera or options.calibration) is not None:
             raise InputError(f"{foreign}: expected no calibration for {path}, whose heads have their own")
-        return MapsRecording(path) if is_maps(path) else open_rigs(path)
+        return MapsRecording(path) if is_maps(path) else open_rigs(path, options.fps)
     if of_images and not (options.calibration or options.right or holds_pair(path)):
         return open_video(path, options)
     return open_any(path, options)
@@ -110,6 +110,8 @@ def engine_of(
         study: the tracker of one camera looks at the beginning of the recording first.
     """
     config = config or _default_config(recording)
+    for part in recording.parts:
+        refuse_untimed(part)
     first = recording.parts[0].head
     if isinstance(first, OneCamera):
         ground_camera = load_one_camera(camera, first.size) if isinstance(camera, Path) else camera

@@ -24,7 +24,6 @@ from calib.carried import Carried
 from calib.errors import WorkError
 from planview.checks.check import Check
 from planview.checks.examine import RecordingWatch, refuse_unless_ok
-from planview.checks.timing import rate_checks
 from planview.counting.events import Event
 from planview.counting.stream import Analytics
 from planview.counting.totals import JUMP_S, Counts, Span, jump_note
@@ -41,7 +40,6 @@ from planview.output.folder import (
 )
 from planview.output.tables import RunTables
 from planview.trajectories.table import is_person
-from stereo.recording import Recording
 
 
 class RunLog(Protocol):
@@ -190,9 +188,6 @@ class RunChecks:
     def __init__(self, engine: Engine, strict: bool) -> None:
         self._engine = engine
         self._watches = [RecordingWatch(rig) for rig in [*engine.rigs.values()][:1]]
-        recording = engine.recording
-        one = recording if isinstance(recording, Recording) else None
-        self._before = rate_checks(one) if one else []
         self._strict, self._frames = strict, 0
         self.refuse()
 
@@ -214,7 +209,7 @@ class RunChecks:
         return [RunWarning(name=c.name, value=value, unit=c.unit, text=c.sentence) for c, value in failed]
 
     def _all(self) -> list[Check]:
-        return list(self._engine.checks) + self._before + [check for watch in self._watches for check in watch.checks()]
+        return [*self._engine.checks, *(check for watch in self._watches for check in watch.checks())]
 
 
 class _Run:

@@ -158,6 +158,8 @@ class RecordingEntry(Params):
     """Calibration of the stereo pair, when it does not lie in the recording."""
     camera: Path | None = None
     """camera.toml of a single camera."""
+    fps: float | None = Field(None, ge=0.01, le=10_000)
+    """Frames per second, where times are missing or wrong."""
     truth: Path | None = None
     """Truth, when it is not truth.csv, gt.txt or gt/gt.txt in the recording (or in the folder of maps.h5)."""
 
@@ -166,7 +168,7 @@ class Study(Params):
     """All of a study file. Relative paths are relative to its folder."""
 
     recordings: list[RecordingEntry] = Field(min_length=1)
-    """Paths, patterns such as "hall/*", or tables with path, calibration, camera and truth."""
+    """Paths, patterns such as "hall/*", or tables with path, calibration, camera, fps and truth."""
     config: Path | None = None
     """TOML file with parameters that all runs share."""
     tracker: TrackerName = "joint"

@@ -227,7 +227,7 @@ def _looked_at(entry: RecordingEntry) -> _Recording | str:
             key = key_of(content_key(file), *(content_key(file.parent / rig.folder) for rig in load_rigs(file)))
         else:
             key = key_of(content_key(path), *map(content_key, companion_files(path)))
-        key = key_of(key, *(content_key(file) if file else "" for file in (entry.calibration, entry.camera)))
+        key = key_of(key, entry.fps, *(content_key(file) if file else "" for file in (entry.calibration, entry.camera)))
         truth = entry.truth or truth_file(path.parent if is_maps(path) else path)
         return _Recording(entry, key, base_config(path), truth, content_key(truth) if truth else "")
     except InputError as error:
@@ -251,7 +251,7 @@ def track(job: RunJob) -> None:
         return
     cv2.setNumThreads(1)  # a study runs a job per core
     with whole_folder(job.folder) as folder:
-        source, options = job.source, OpenOptions(job.source.calibration)
+        source, options = job.source, OpenOptions(job.source.calibration, job.source.fps)
         engine = open_engine(source.path, job.tracker, job.config, source.camera, options)
         engine.ahead = 0
         logs = [MapsLog(engine, folder / MAPS_FILE)] if job.save_maps else []

@@ -21,11 +21,10 @@ from calib.types import F64, I64
 from calib.world import load_world
 from stereo.depth import Depths
 from stereo.readers.images import Colour, Images, Size, Stream, bits_note, bits_of, images_of
-from stereo.readers.pairing import TimePairs, pair_stamps
+from stereo.readers.pairing import ONE_TIME, TimePairs, pair_stamps
 from stereo.readers.state import rectified_rig, settled
 from stereo.readers.times import load_timestamps, rate_of_times, unused_times
 from stereo.recording import (
-    DEFAULT_FPS,
     Decoded,
     DecodedPair,
     DepthCamera,
@@ -34,7 +33,7 @@ from stereo.recording import (
     OpenOptions,
     Pair,
     Recording,
-    assumed_clock,
+    no_clock,
     prefetch,
 )
 
@@ -55,7 +54,7 @@ class FrameSource(ItemSource, Protocol):
         size: (width, height) [px].
         n_frames: frames announced; the iteration may end earlier.
         fps: nominal rate, NaN when the files hold none.
-        raw: pictures without a container, whose rate the decoder assumes.
+        raw: pictures without a container, whose rate and times the decoder makes up.
     """
 
     size: Size
@@ -213,12 +212,12 @@ def rgbd_layout(
 def clock_of(
     folder: Path, options: OpenOptions, n_frames: int, file_fps: float = math.nan, raw: bool = False
 ) -> FrameClock:
-    """The caller's rate, else timestamps.csv, else the files' own times, else an assumed rate.
+    """The caller's rate, else timestamps.csv, else the files' own times, else none.
 
     Args:
         n_frames: frames announced, 0 when unknown.
         file_fps: rate that the files announce; NaN when they hold none.
-        raw: the files hold no times, so that their rate is the decoder's assumption.
+        raw: the files hold no times, and their rate is the decoder's.
     """
     if options.fps is not None:
         return FrameClock(options.fps, even=True)
@@ -227,30 +226,27 @@ def clock_of(
         times, notes = load_timestamps(file)
         if len(times) == n_frames + 1 and not math.isfinite(times[0]):
             times, notes = times[1:], (*notes, f"frames of {file.name} are counted from 1")
-        known, fps = int(np.count_nonzero(np.isfinite(times[:n_frames]))), rate_of(times)
+        known = int(np.count_nonzero(np.isfinite(times[:n_frames])))
         if known < n_frames:
-            notes += (
-                f"{file.name} has times of {known} of {n_frames} frames: {fps:g} per second are assumed elsewhere",
-            )
-        return FrameClock(fps, times, (*notes, *unused_times(folder, file)))
+            notes += (f"{file.name} has times of {known} of {n_frames} frames: the others follow at the same rate",)
+        return clock_of_times(times, (*notes, *unused_times(folder, file)))
     unused = unused_times(folder, None)
     if math.isfinite(file_fps) and not raw:
         return FrameClock(file_fps, None, unused)
-    clock = assumed_clock(file_fps if math.isfinite(file_fps) else DEFAULT_FPS, even=raw)
-    return clock._replace(notes=(*clock.notes, *unused))
+    return no_clock("the frames have no times, and there is no timestamps.csv", *unused)
 
 
 def clock_of_pairs(pairs: TimePairs, options: OpenOptions) -> FrameClock:
     """The pairs' own times; even ones where the caller gives a rate."""
-    if options.fps is None:
-        return FrameClock(pairs.fps, pairs.times_s, pairs.notes, assumed=pairs.assumed)
-    return FrameClock(options.fps, np.arange(len(pairs.left)) / options.fps, pairs.notes)
+    if options.fps is not None:
+        return FrameClock(options.fps, np.arange(len(pairs.left)) / options.fps, pairs.notes)
+    return no_clock(*pairs.notes) if math.isnan(pairs.fps) else FrameClock(pairs.fps, pairs.times_s, pairs.notes)
 
 
-def rate_of(times_s: F64) -> float:
-    """Nominal frames per second of a table of times, ``DEFAULT_FPS`` when it holds fewer than two."""
+def clock_of_times(times_s: F64, notes: Sequence[str] = ()) -> FrameClock:
+    """Of (n,) times [s], NaN where unknown."""
     rate = rate_of_times(times_s)
-    return rate.fps if rate else DEFAULT_FPS
+    return FrameClock(rate.fps, times_s, tuple(notes)) if rate else no_clock(ONE_TIME, *notes)
 
 
 def world_pose(folder: Path) -> SE3 | None:

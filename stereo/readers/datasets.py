@@ -26,7 +26,7 @@ from calib.io import entries, read_text
 from calib.rig import RgbdRig
 from calib.types import I64
 from stereo.depth import Depths
-from stereo.readers.base import Layout, Reader, TimedFiles, own_times, rate_of, rgbd_layout, timed_layout
+from stereo.readers.base import Layout, Reader, TimedFiles, clock_of_times, own_times, rgbd_layout, timed_layout
 from stereo.readers.folders import files_layout
 from stereo.readers.images import Colour, frame_number, image_files, images_of
 from stereo.readers.pairing import MAX_APART_S, depth_note, nearest_mates
@@ -197,16 +197,17 @@ def _tum_find(path: Path, options: OpenOptions) -> Layout:
     notes, held = depth_note(mates, f"in {associated.name}" if associated else ""), find_rgbd(path)
     if held is None:
         notes.append("no calibration: the nominal Kinect camera is taken (fx = fy = 525 at 640x480)")
-    times = own_times(images.ns) if options.fps is None else np.arange(len(images.ns)) / options.fps
+    own = own_times(images.ns)
+    clock = clock_of_times(own) if options.fps is None else FrameClock(options.fps, even=True)
     streams = (
-        image_files.stream("image", len(images.ns), own_times(images.ns)),
+        image_files.stream("image", len(images.ns), own),
         depth_files.stream("depth", len(depths.ns), (depths.ns - images.ns[0]) / 1e9),
     )
     sizes, remarks = (image_files.size, depth_files.size), (*images.notes, *depths.notes, *notes)
     rig = partial(load_rgbd, options.calibration or path, *sizes)
     if options.calibration is None and held is None:
         rig = partial(RgbdRig(TUM_CAMERA, source="nominal Kinect camera").scaled, *sizes)
-    return rgbd_layout(path, image_files, depth_files, streams, FrameClock(rate_of(times), times), rig, remarks)
+    return rgbd_layout(path, image_files, depth_files, streams, clock, rig, remarks)
 
 
 def _tum_associated(file: Path, images: Listed, depths: Listed) -> I64:

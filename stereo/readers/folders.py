@@ -158,7 +158,7 @@ def _timed(images: list[Path], depths: list[Path], folder: Path) -> tuple[list[P
         return None
     times = np.asarray((ns - ns[0]) / 1e9, dtype=np.float64)
     pairs = [(images[i], depths[mate] if mate >= 0 else None) for i, mate in zip(order, mates, strict=True)]
-    return list(pairs), FrameClock(base.rate_of(times), times, tuple(depth_note(mates)))
+    return list(pairs), base.clock_of_times(times, depth_note(mates))
 
 
 RGBD_FOLDERS = base.Reader(

@@ -20,16 +20,18 @@ from calib.rig import StereoRig
 from stereo.readers.base import FramePairs, Layout, Reader, same_size, stereo_layout, together
 from stereo.readers.images import Stream, is_grey
 from stereo.readers.side_by_side import packed_layout
-from stereo.recording import DEFAULT_FPS, Decoded, FrameClock, OpenOptions
+from stereo.recording import Decoded, FrameClock, OpenOptions
 
 _CAMERA = re.compile(r"\d{1,3}|(?:rtsps?|https?|rtmps?|udp|tcp|srt):/.*", re.IGNORECASE)
+NOMINAL_FPS = 30.0
+"""Of most cameras; the times of the frames are their own."""
 
 
 class LiveSource:
     """Images of a device or an address from now on (a ``FrameSource`` without a known end). Their times are those of
     the stream while these increase, else when they came."""
 
-    n_frames, fps, raw, is_grey = 0, DEFAULT_FPS, False, False
+    n_frames, fps, raw, is_grey = 0, NOMINAL_FPS, False, False
 
     def __init__(self, address: str) -> None:
         self._address = address
@@ -96,7 +98,7 @@ def _find(path: Path, options: OpenOptions) -> Layout:
         Stream(name, size, 0, None, "grey" if one.is_grey else "colour")
         for name, one in zip(("left", "right"), sources, strict=True)
     )
-    clock = FrameClock(options.fps or DEFAULT_FPS, even=options.fps is not None)
+    clock = FrameClock(options.fps or NOMINAL_FPS, even=options.fps is not None)
     note = "two cameras that run freely: their images are paired as they come"
     return stereo_layout(named, FramePairs(together(first, second), 0, live=True), streams, clock, rig, (note,), folder)
 

@@ -25,15 +25,14 @@ from stereo.readers.video import READER as VIDEO_PAIR
 from stereo.readers.video import VideoFile, video_files, video_pair, video_tracks
 from stereo.recording import (
     Frame,
-    FrameClock,
     OneCamera,
     OpenOptions,
     Pair,
     Recording,
     Shot,
     Skipped,
-    assumed_clock,
     prefetch,
+    refuse_untimed,
 )
 
 
@@ -162,7 +161,7 @@ def open_video(path: Path | str, options: OpenOptions | None = None) -> Recordin
     listed = None if files else camera_times(videos[0], videos[0].parent, source.n_frames)
     if listed and options.fps is None:
         times = base.own_times(read_times(listed, source.n_frames).ns)
-        clock = FrameClock(base.rate_of(times), times)
+        clock = base.clock_of_times(times)
     clock = clock or base.clock_of(path, options, source.n_frames, source.fps, source.raw)
     notes = [*clock.notes, *bits_note(bits)]
     if not files and (tracks := video_tracks(videos[0])) > 1:
@@ -185,9 +184,16 @@ class SeveralHeads:
 
     is_live = False
 
-    def __init__(self, path: Path, parts: Sequence[base.AnyRecording], starts_s: Sequence[float]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        parts: Sequence[base.AnyRecording],
+        starts_s: Sequence[float],
+        options: OpenOptions | None = None,
+    ) -> None:
+        """``options`` are what every head was opened with."""
         self.path, self.parts, self.starts_s = path, tuple(parts), tuple(starts_s)
-        self.notes, self.options = list[str](), OpenOptions()
+        self.notes, self.options = list[str](), options or OpenOptions()
         self.fps = min(part.fps for part in parts)
         self._first_s = min(starts_s)
         ends = [s - self._first_s + part.n_frames / part.fps for part, s in zip(parts, starts_s, strict=True)]
@@ -254,20 +260,17 @@ def moments(streams: Sequence[_Stream], period_s: float) -> Iterator[Frame[Shot]
         index += 1
 
 
-def open_rigs(path: Path) -> SeveralHeads:
-    """Open the recording of every head that ``rigs.toml`` lists."""
-    file = rigs_file(path)
+def open_rigs(path: Path, fps: float | None = None) -> SeveralHeads:
+    """Open the recording of every head that ``rigs.toml`` lists, with ``fps`` in place of their own times where it is
+    given. Raises InputError: one that cannot be opened, or has no times."""
+    file, options = rigs_file(path), OpenOptions(fps=fps)
     folder, parts, starts_s = file.parent, [], []
     for entry in load_rigs(file):
         if not (folder / entry.folder).exists():
             raise InputError(f"{folder}: expected a recording in {entry.folder!r}, found nothing there")
-        part = open_any(folder / entry.folder)
+        part = open_any(folder / entry.folder, options)
+        refuse_untimed(part)
         part.name, part.head = entry.folder, replace(part.head, world_SE3_left=entry.world_SE3_left)
         parts.append(part)
         starts_s.append(entry.start_s)
-    # Recordings without any times have the rate of those that have times, else the lowest.
-    fps = min([one.fps for one in parts if not one.clock.assumed] or [one.fps for one in parts])
-    for part in parts:
-        if part.clock.assumed and fps != part.fps:
-            part.assume(assumed_clock(fps, part.clock.even, ", as of the other rigs"))
-    return SeveralHeads(folder, parts, starts_s)
+    return SeveralHeads(folder, parts, starts_s, options)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -15,7 +16,6 @@ import numpy as np
 from calib.errors import InputError
 from calib.types import F64, I64
 from stereo.readers.images import frame_number
-from stereo.recording import DEFAULT_FPS
 
 _WORD = re.compile(r"()()(left|right|(?<![a-z])[lr](?![a-z]))", re.IGNORECASE)
 _NUMBERS = [
@@ -117,6 +117,7 @@ def _unpaired(file: Path, left: list[Path], right: list[Path]) -> InputError:
 TOLERANCE = 0.25
 """Times of a pair differ at most by this share of the frame period (a walker of 2 m/s moves 1.7 cm in a
 quarter of 1/30 s; a mate that is farther off may as well be that of the next frame)."""
+ONE_TIME = "no two frames have different times"
 JUMP_S = 3600.0
 """A step this long, or ten frame periods back, is a clock that was set, not a pause."""
 
@@ -128,9 +129,8 @@ class TimePairs:
     Attributes:
         left, right: (n,) int64, positions in the cameras' own recording order; -1 where there is no mate.
         times_s: (n,) float64 [s] since the first frame, increasing.
-        fps: nominal rate, of the camera that has more frames.
+        fps: nominal rate, of the camera that has more frames; NaN where all have one time, and they pair in order.
         notes: what was found on the way: unpaired frames, order, jumps.
-        assumed: nothing gives the rate.
     """
 
     left: I64
@@ -138,7 +138,6 @@ class TimePairs:
     times_s: F64
     fps: float
     notes: tuple[str, ...]
-    assumed: bool = False
 
     @property
     def unpaired(self) -> int:
@@ -156,15 +155,13 @@ def pair_stamps(left_ns: I64, right_ns: I64, names: tuple[str, str] = ("left", "
         names: of the two, for the notes.
     """
     counts = len(left_ns), len(right_ns)
-    if max(counts) > 1 and not any(np.ptp(own) for own in (left_ns, right_ns) if len(own)):  # clocks that stand still
-        order = np.arange(max(counts))
-        left, right = (np.where(order < n, order, -1) for n in counts)
-        note = f"all frames have one time: {DEFAULT_FPS:g} frames per second are assumed; set the rate if it is another"
-        return TimePairs(left, right, order / DEFAULT_FPS, DEFAULT_FPS, (note,), assumed=True)
-    # Median step of the camera that has more frames [ns].
     steps = np.diff(np.sort(left_ns if counts[0] >= counts[1] else right_ns))
     steps = steps[steps > 0]
-    period = float(np.median(steps)) if steps.size else 1e9 / DEFAULT_FPS
+    if not steps.size:
+        order = np.arange(max(counts))
+        left, right = (np.where(order < n, order, -1) for n in counts)
+        return TimePairs(left, right, np.zeros(len(order)), math.nan, (ONE_TIME,))
+    period = float(np.median(steps))  # of the camera that has more frames [ns]
     tolerance, notes, offset = period * TOLERANCE, [], 0
     if counts[0] == counts[1] > 0:
         # A clock that is ahead: all frames are as far apart. With other counts which belong together would be a guess.

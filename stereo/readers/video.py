@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -51,10 +52,10 @@ class VideoFile:
         if not found or first is None:
             raise InputError(f"{path}: expected a video, found no frame that can be decoded: {_coded(capture)}")
         self.size = first.shape[1], first.shape[0]
-        self.fps = float(fps) if np.isfinite(fps) and 0 < fps <= 1000 else 30.0
+        self.fps = float(fps) if np.isfinite(fps) and 0 < fps <= 1000 else math.nan
         # A header may announce the clock of its times, 1000 per second, in the place of a rate.
         own = None if self.raw else rate_of_times(_packets(path, 300))
-        if own and abs(own.fps / self.fps - 1.0) > 0.02:
+        if own and not abs(own.fps / self.fps - 1.0) <= 0.02:
             self.fps = own.fps
         self._grey = is_grey(np.asarray(first, dtype=np.uint8))
 

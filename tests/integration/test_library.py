@@ -200,7 +200,8 @@ def clip(tmp_path: Path) -> Path:
 
 
 def test_a_tracker_of_images_gets_the_frames_of_one_camera_and_one_of_plan_view_maps_needs_depth(clip):
-    boxes = [result.tracks[0].box_px[:2] for result in open_engine(clip, BrightestInImage())]
+    engine = open_engine(clip, BrightestInImage(), options=planview.OpenOptions(fps=10))
+    boxes = [result.tracks[0].box_px[:2] for result in engine]
     assert boxes == [(10, 20), (11, 20), (12, 20)]
     with pytest.raises(InputError):
         open_engine(clip, Brightest())

@@ -228,7 +228,7 @@ def two(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path
 @pytest.fixture(scope="module")
 def out(two: tuple[Path, Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("out") / "run"
-    options = OpenOptions(str(two[2]), right=str(two[1]))  # type: ignore[arg-type]
+    options = OpenOptions(str(two[2]), 15.0, right=str(two[1]))  # type: ignore[arg-type]
     planview.run(str(two[0]), str(folder), options=options, config={"analysis": {"setup_frames": 4}})
     return folder
 
@@ -252,7 +252,7 @@ def test_both_paths_are_read_again(out: Path, cli: Cli, tmp_path: Path, command:
 
 def test_check_takes_two_paths(two: tuple[Path, Path, Path], json_of: JsonOf) -> None:
     left, right, rig = two
-    found = json_of("check", left, right, "--quick", "--calibration", rig)
+    found = json_of("check", left, right, "--quick", "--calibration", rig, "--fps", 15)
     assert found["kind"] == "stereo" and found["frames"] == 36 and found["missing"] == []
 
 

@@ -298,14 +298,12 @@ def test_frames_of_a_video_by_number_are_those_of_reading_in_order(tmp_path: Pat
     assert shown == [index for index, _ in found] == [5, 299, 399]
 
 
-@pytest.mark.parametrize("fps", [5.0, 30.0])
-def test_rigs_of_one_room_without_times_have_one_rate(tmp_path: Path, fps: float) -> None:
+def test_head_without_times_is_refused_and_a_rate_is_that_of_all(tmp_path: Path) -> None:
     for name in ("a", "b"):
         folder_recording(tmp_path / name)
-    if fps == 5.0:
-        write_times(tmp_path / "a" / "timestamps.csv", [0, 0.2, 0.4])
+    write_times(tmp_path / "a" / "timestamps.csv", [0, 0.2, 0.4])
     pose = SE3.from_rotvec([np.pi, 0.0, 0.0], (0.0, 0.0, 2.7))
     save_rigs([RigEntry(name, pose) for name in ("a", "b")], tmp_path / "rigs.toml")
-    rigs = [rig.recording for rig in open_rigs(tmp_path).rigs]
-    assert [rig.fps for rig in rigs] == pytest.approx([fps, fps])
-    assert ("as of the other rigs" in " ".join(rigs[1].notes)) == (fps == 5.0)
+    with pytest.raises(InputError, match=r"/b: the frames have no times, and there is no timestamps.csv; use fps="):
+        open_rigs(tmp_path)
+    assert [rig.recording.fps for rig in open_rigs(tmp_path, 10.0).rigs] == [10.0, 10.0]

@@ -1,5 +1,6 @@
 """One time per frame: of each camera's own file, of names, of containers; two rates; what is not used is named."""
 
+import math
 from pathlib import Path
 
 import cv2
@@ -8,9 +9,10 @@ import pytest
 from toy_recordings import folder_recording, picture, video_pair, write_times, write_video
 
 from calib.errors import InputError
-from stereo.readers import open_recording, open_video
+from stereo.readers import OpenOptions, open_recording, open_video
 from stereo.readers.times import load_timestamps, rate_of_times
 from stereo.readers.video import _by_time
+from stereo.recording import refuse_untimed
 
 KEPT = [i for i in range(12) if i != 5]
 """Frames of a right camera that lost the sixth."""
@@ -106,14 +108,30 @@ def test_timestamps_of_any_table_start_at_zero_and_keep_gaps(tmp_path: Path, tex
     np.testing.assert_allclose(load_timestamps(tmp_path / "timestamps.csv").times_s, times_s)
 
 
-@pytest.mark.parametrize(("name", "count", "fps"), [("r/left", 6, 30), ("a.mjpeg", 7, 25)])
-def test_rate_that_images_and_pictures_without_a_container_lack_is_noted(tmp_path: Path, name, count, fps) -> None:
+@pytest.mark.parametrize(("name", "count"), [("r/left", 6), ("a.mjpeg", 7)])
+def test_images_and_pictures_without_a_container_have_no_times_but_those_of_a_rate(tmp_path: Path, name, count) -> None:
     folder_recording(tmp_path / "r")
     coded = cv2.imencode(".jpg", np.full((48, 64), 90, np.uint8))[1].tobytes()
     (tmp_path / "a.mjpeg").write_bytes(7 * coded)
     video = open_video(tmp_path / name)
-    assert (video.n_frames, video.fps) == (count, fps)
-    assert video.notes == [f"no timestamps: {fps} frames per second are assumed; set the rate if it is another"]
+    assert video.n_frames == count and all(math.isnan(frame.timestamp_s) for frame in video.sample(count))
+    with pytest.raises(InputError, match=r"the frames have no times, and there is no timestamps.csv; use fps="):
+        refuse_untimed(video)
+    assert [f.timestamp_s for f in open_video(tmp_path / name, OpenOptions(fps=5)).sample(count)][:2] == [0.0, 0.2]
+
+
+def test_files_of_times_that_are_not_used_are_named_where_times_are_missing(tmp_path: Path) -> None:
+    folder = folder_recording(tmp_path / "r")
+    write_times(folder / "left_timestamps.csv", [0, 0.1, 0.2, 0.3, 0.4, 0.5])
+    with pytest.raises(InputError, match=r"no timestamps.csv; not used: left_timestamps.csv .*; use fps="):
+        refuse_untimed(open_recording(folder))
+
+
+def test_table_with_a_time_of_one_frame_gives_no_times(tmp_path: Path) -> None:
+    folder = folder_recording(tmp_path / "r")
+    write_times(folder / "timestamps.csv", [0])
+    with pytest.raises(InputError, match=r"no two frames have different times; timestamps.csv has times of 1 of 6"):
+        refuse_untimed(open_recording(folder))
 
 
 def test_times_of_one_camera_are_those_of_its_list_or_names(tmp_path: Path) -> None:
@@ -131,7 +149,7 @@ def test_times_of_one_camera_are_those_of_its_list_or_names(tmp_path: Path) -> N
             [0, 1],
             [0, 0.2],
             [0, 0.2, 0.4, 0.6, 0.8, 1.0],
-            "has times of 2 of 6 frames: 5 per second are assumed elsewhere",
+            "of 2 of 6 frames: the others follow at the same rate",
         ),
         (range(1, 7), SLOWER, SLOWER, "are counted from 1"),
     ],

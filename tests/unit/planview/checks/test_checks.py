@@ -28,13 +28,11 @@ from planview.checks.timing import (
     Thumbnails,
     lag_of,
     longest_step,
-    rate_checks,
     repeated_check,
     thumbnails,
 )
 from planview.cli import main
 from planview.commands.recordings import CheckOptions, check, verdict
-from stereo.readers import open_any
 
 FRAMES = 60
 
@@ -305,14 +303,6 @@ def test_frames_that_are_written_twice_are_a_warning(pairs):
     assert repeated_check(images).ok
     check = repeated_check([image for image in images for _ in range(2)])
     assert not check.ok and check.value == pytest.approx(0.5, abs=0.1) and check.warns
-
-
-def test_rate_that_nothing_gives_is_a_warning(tmp_path, pairs):
-    recording = open_any(write_toy_recording(tmp_path / "a", toy_rig(), pairs[:3]))
-    assert rate_checks(recording) == []
-    (tmp_path / "a" / "timestamps.csv").unlink()
-    (check,) = rate_checks(open_any(tmp_path / "a"))
-    assert not check.ok and not check.failed and "30 per second are assumed" in check.sentence
 
 
 @pytest.mark.parametrize(("fps", "ok"), [(10.0, True), (60.0, False)])

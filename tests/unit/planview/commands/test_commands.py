@@ -32,7 +32,7 @@ from planview.counting.events import read_events
 from planview.engine.config import load_config
 from planview.synthetic.scene import load_scene
 from planview.trajectories.table import read_tracks, read_truth
-from stereo.readers import open_any, open_recording, open_video
+from stereo.readers import open_recording, open_video
 
 
 def test_a_camera_above_the_floor_is_known_by_its_keys_and_a_rig_is_that_of_a_pair_to_trackers_of_pairs(tmp_path):
@@ -270,13 +270,22 @@ def test_inspect_names_the_option_that_supplies_what_is_missing_and_shows_people
     assert "32x24" in shown and "1 without a mate" in shown
 
 
-def test_the_rate_of_images_without_times_is_the_one_that_a_run_takes(tmp_path, capsys):
+def test_times_that_images_lack_are_missing_but_the_rest_is_listed(tmp_path, capsys):
     folder = write_toy_rgbd(tmp_path / "rgbd")
     (folder / "timestamps.csv").unlink(missing_ok=True)
     found = inspected(folder, capsys)
-    assert found["fps"] == open_any(folder).fps == 30.0
-    notes = [note for note in found["notes"] if "frames per second are assumed" in note]  # type: ignore[attr-defined]
-    assert len(notes) == 1 and "no timestamps: 30" in notes[0] and "set the rate if it is another" in notes[0]
+    assert found["fps"] is found["duration_s"] is None and "use --fps, or add a timestamps.csv" in str(found["missing"])
+    check(folder, options=CheckOptions(quick=True))
+    assert re.search(r"frames +36 +\n", capsys.readouterr().out)
+
+
+def test_images_without_times_are_refused_where_people_are_followed_and_calibrated_without(tmp_path, refused, cli):
+    folder = write_toy_rgbd(tmp_path / "rgbd")
+    (folder / "timestamps.csv").unlink(missing_ok=True)
+    for words in (("run", folder, "--out", tmp_path / "out"), ("check", folder)):
+        assert f"{folder}: the frames have no times, and there is no timestamps.csv; use --fps" in refused(*words)
+    assert not (tmp_path / "out").exists()
+    assert cli("calibrate", "floor", folder, "--out", tmp_path / "world.toml")[0] == 0
 
 
 @pytest.mark.parametrize("words", [["check", "--quick"], ["run", "--out", "out"]])

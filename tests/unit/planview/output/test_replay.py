@@ -29,6 +29,7 @@ from planview.output.rerun_shapes import MAP_LAYERS, mosaic, outlines
 from planview.output.run import RunOptions, run
 from planview.output.run_folder import RunFolder
 from planview.trajectories.plot import person_rgb
+from stereo.readers import OpenOptions
 
 TRACKER = "ellipse-particle"
 
@@ -45,7 +46,7 @@ def ellipses(street: Path, tmp_path: Path) -> Path:
         cv2.imwrite(str(file), image)
     out = tmp_path / "ellipses"
     out.mkdir()
-    run(open_engine(video, TRACKER, Config()), out, RunOptions(TRACKER))
+    run(open_engine(video, TRACKER, options=OpenOptions(fps=30.0)), out, RunOptions(TRACKER))
     return out
 
 

@@ -247,7 +247,7 @@ def double(argument: object) -> int:
 
 def test_finished_run_without_its_maps_stays_when_the_new_one_fails(tmp_path):
     (tmp_path / "run").mkdir()
-    source = SimpleNamespace(path=tmp_path / "nope", camera=None, calibration=None)
+    source = SimpleNamespace(path=tmp_path / "nope", camera=None, calibration=None, fps=None)
     job = SimpleNamespace(version=code_version(), folder=tmp_path / "run", source=source, tracker="joint", config=None)
     job.is_done = False
     with pytest.raises(InputError, match="nope"):
