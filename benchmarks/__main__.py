@@ -10,11 +10,8 @@ from planview.cli import main
 
 BENCHMARKS = {
     "suite": "Render random challenges of a seed, track and score them.",
-    "ablation": "Switch parts of the engine off and compare the variants.",
     "real": "Score every real recording with truth, and the baseline of height peaks.",
     "speed": "Time the engine side by side with plain OpenCV.",
-    "accuracy": "Render every committed scene, track it and score it.",
-    "matching": "Compare disparity with rendered truth, and OpenCV's.",
     "counting": "Score counts and occupancy on rendered recordings.",
     "damaged": "Put frames that show nothing into recordings, and score the trackers.",
     "pets": "Score the single-camera trackers on PETS S2-L1 view 1.",
@@ -26,7 +23,7 @@ def make_app(words: Sequence[str] = ()) -> App:
     """The command tree; a benchmark's module is imported when it is called, or named for its whole help."""
     app = App(name="benchmarks", help="Measure speed and accuracy on this machine.", default_parameter=None)
     for name, text in BENCHMARKS.items():
-        module = {"accuracy": "suite", "pets": "real", "damaged": "real", "matching": "speed"}.get(name, name)
+        module = {"pets": "real", "damaged": "real"}.get(name, name)
         app.command(f"benchmarks.{module}:{name}", name=name, help=None if name in words else text)
     return app
 

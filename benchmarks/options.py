@@ -15,11 +15,9 @@ import pandas
 from cyclopts import Parameter
 from pydantic_core import to_json
 
-from benchmarks.random_scenes.generator import SUITE
 from calib.errors import InputError
 from calib.io import whole_folder
 from planview.engine.config import Config, load_config
-from planview.synthetic.assets import SCENES
 from planview.synthetic.render import RENDERER_VERSION, SceneRenderer
 from planview.synthetic.scene import Scene
 from planview.synthetic.write import write_recording
@@ -57,35 +55,7 @@ class BenchOptions:
         return load_config(self.config, self.set_)
 
 
-@Parameter(name="*")
-@dataclass(frozen=True)
-class ChallengeOptions(BenchOptions):
-    """Which challenges are rendered."""
-
-    seed: Annotated[Sequence[int], Parameter(negative="")] = ()
-    """Seeds of the challenges. Default: of the suite a new one from the clock, on which nothing was tuned; of the
-    ablation 1, and none where --recording is given."""
-    minutes: float = 10.0
-    """Length of the challenges of each seed together [min]; the seed decides which. The whole suite is longer than ten
-    minutes."""
-    scene: Annotated[Sequence[str], Parameter(negative="")] = ()
-    """Only these challenges, by name."""
-    jobs: int = 1
-    """Recordings processed at the same time, each in a process of its own."""
-    scenes: Path = SUITE
-    """Folder with challenges; people who carry, push or sit in something are in data/synthetic/loads."""
-
-    def files(self) -> list[Path]:
-        """The challenges named. Raises InputError: there is none of a name, or a number out of its range."""
-        if self.jobs < 1 or not 0 < self.minutes <= 1000 or any(s < 0 for s in self.seed):
-            raise InputError(
-                f"expected --jobs from 1, --minutes above 0, --seed from 0, "
-                f"found {self.jobs}, {self.minutes:g}, {self.seed}"
-            )
-        return scene_files(self.scene, self.scenes)
-
-
-def scene_files(names: Sequence[str] = (), folder: Path = SCENES, ending: str = ".toml") -> list[Path]:
+def scene_files(names: Sequence[str], folder: Path, ending: str = ".toml") -> list[Path]:
     """Files of a folder by their names without the ending; all when none is named. Raises InputError: no such scene."""
     known = {path.name.removesuffix(ending): path for path in sorted(folder.glob(f"*{ending}"))}
     for name in names:
@@ -94,18 +64,17 @@ def scene_files(names: Sequence[str] = (), folder: Path = SCENES, ending: str = 
     return [known[name] for name in names or known]
 
 
-def rendered(scene: Scene, name: str, cache: Path, frames: int | None = None, scale: float = 1.0) -> Path:
-    """The recording of a scene, or of its first frames, with a factor on the image size; rendered unless the cache has
-    it.
+def rendered(scene: Scene, name: str, cache: Path, frames: int | None = None) -> Path:
+    """The recording of a scene, or of its first frames; rendered unless the cache has it.
 
-    The key is a hash of everything in the scene, the renderer's version and the size; a recording appears in the cache
-    only when it is whole. Raises WorkError: the cache cannot be written."""
-    text = f"{scene.model_dump_json()} {RENDERER_VERSION} {scale} {frames}"
+    The key is a hash of everything in the scene, the renderer's version and the number of frames; a recording appears
+    in the cache only when it is whole. Raises WorkError: the cache cannot be written."""
+    text = f"{scene.model_dump_json()} {RENDERER_VERSION} {frames}"
     folder = cache / f"{name}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
     if not folder.is_dir():
         progress(f"rendering {name}")
         with whole_folder(folder) as part:
-            write_recording(SceneRenderer(scene, scale), part, frames=frames, storage="jpg")
+            write_recording(SceneRenderer(scene), part, frames=frames, storage="jpg")
     return folder
 
 

@@ -30,8 +30,7 @@ from planview.evaluation.result import KINDS, Evaluation, pooled
 from planview.evaluation.significant import poisson_upper
 from planview.output.folder import finished_run
 from planview.output.resume import code_version, key_of
-from planview.output.run import RunLog, RunOptions, run
-from planview.output.tables import MapsLog
+from planview.output.run import RunOptions, run
 from stereo.readers import OpenOptions
 
 FACING = "median difference of walkers to the truth, or where that has no facing, to their direction of walking"
@@ -53,21 +52,19 @@ def bench_engine(recording: Path, tracker: str, config: Config | None, camera: P
 
 @dataclass(frozen=True)
 class Pass:
-    """One run of one engine over the folder of a recording, kept in ``runs`` below the cache; ``recorded``: with its
-    plan-view points."""
+    """One run of one engine over the folder of a recording, kept in ``runs`` below the cache."""
 
     recording: Path
     cache: Path
     config: Config
     tracker: str = "joint"
-    recorded: bool = False
 
     @property
     def folder(self) -> Path:
         """Where the run is kept: a hash of the recording, the configuration and the engine's code is in its name."""
         at = self.recording.resolve()
         made = max((path.stat().st_mtime_ns for path in at.iterdir()), default=0)
-        text = f"{at} {made} {self.config.model_dump_json()} {self.tracker} {self.recorded} {code_key()}"
+        text = f"{at} {made} {self.config.model_dump_json()} {self.tracker} {code_key()}"
         return self.cache / "runs" / f"{at.name}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
 
@@ -78,15 +75,13 @@ def code_key() -> str:
 
 
 def run_pass(job: Pass) -> Path:
-    """The folder of a run (tracks.csv, run.json, decisions.csv, with ``recorded`` maps.h5), from the cache when it is
-    there."""
+    """The folder of a run (tracks.csv, run.json, decisions.csv), from the cache when it is there."""
     if finished_run(job.folder) is not None:
         return job.folder
     shutil.rmtree(job.folder, ignore_errors=True)
     with whole_folder(job.folder) as part:
         engine = bench_engine(job.recording, job.tracker, job.config)
-        logs: list[RunLog] = [MapsLog(engine, part / "maps.h5")] if job.recorded else []
-        run(engine, part, RunOptions(tracker=job.tracker), logs)
+        run(engine, part, RunOptions(tracker=job.tracker))
     return job.folder
 
 

@@ -1,6 +1,6 @@
-"""The engine next to plain OpenCV: speed on the same frames, and disparity against rendered truth.
+"""Speed of the engine next to plain OpenCV on the same frames.
 
-Both sides of a measurement of speed take turns, frame by frame, so that whatever else the machine does slows both.
+Both sides take turns, frame by frame, so that whatever else the machine does slows both.
 """
 
 from __future__ import annotations
@@ -15,26 +15,22 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
 from cyclopts import Parameter
 
-from benchmarks.options import Flag, JsonFlag, Row, progress, report, scene_files
+from benchmarks.options import Flag, JsonFlag, Row, progress, report
 from benchmarks.passes import bench_engine
 from calib.errors import InputError, WorkError
 from calib.images import as_grey
 from calib.rig import StereoRig
-from calib.types import F32, F64, I32, I64, U8, AnyArray, Bool
+from calib.types import F64, I64, AnyArray, Bool
 from planview.engine.config import load_config
 from planview.engine.engine import STAGES, Engine
 from planview.engine.open import TrackerName
 from planview.synthetic.assets import DEMO
-from planview.synthetic.render import SceneRenderer
-from planview.synthetic.scene import Scene, load_scene
-from stereo.depth import RectifiedGeometry
-from stereo.matcher import DisparityRange, Matcher, SgbmMatcher, disparity_range
 from stereo.recording import Frame, Pair, Recording, Shot
 
 BLOCK_PX = 5
@@ -245,126 +241,3 @@ def speed(*, options: SpeedOptions | None = None) -> None:
         return
     engine = bench_engine(o.recording, o.tracker, load_config(overrides=o.set_), o.camera)
     report(o.json_output, **compared(engine, o.frames))
-
-
-INLIER_PX = 1.0
-"""Errors beyond it are bad pixels, and do not count for the rms."""
-RING_PX = 5
-"""How far around bodies fattening is looked for."""
-
-
-class RenderedPair(NamedTuple):
-    """A pair of ideal pinholes, (H, W): grey images; true disparity [px], 0 where nothing is; owners of pixels,
-    positive on people, 0 in the room."""
-
-    left: U8
-    right: U8
-    disparity: F32
-    owner: I32
-
-
-class FullSize:
-    """OpenCV's StereoSGBM (three-way, blocks of 5 x 5, checks as ours) on the images as they are."""
-
-    def __init__(self, searched: DisparityRange) -> None:
-        area = 25
-        self._pad = searched.first_px + searched.count
-        self._sgbm = cv2.StereoSGBM.create(
-            searched.first_px, searched.count, 5, 8 * area, 32 * area, 1, 31, 8, 100, 1, cv2.STEREO_SGBM_MODE_SGBM_3WAY
-        )
-
-    def __call__(self, left_grey: U8, right_grey: U8) -> F32:
-        """(H, W) float32 disparity [px], NaN where there is none."""
-        padded = (cv2.copyMakeBorder(i, 0, 0, self._pad, 0, cv2.BORDER_REPLICATE) for i in (left_grey, right_grey))
-        found = np.asarray(self._sgbm.compute(*padded)[:, self._pad :], dtype=np.float32) / np.float32(16)
-        return np.where(found > 0, found, np.float32(np.nan))
-
-
-def ideal(scene: Scene) -> Scene:
-    """A scene whose rig needs no rectification."""
-    assert scene.rig is not None
-    plain = {"right_rotation_deg": (0.0, 0.0, 0.0), "right_offset_m": (0.0, 0.0), "centre_offset_px": (0.0, 0.0)}
-    return scene.model_copy(update={"rig": scene.rig.model_copy(update={**plain, "distortion": (), "aspect": 1.0})})
-
-
-def rendered_pairs(scene: Scene, count: int) -> tuple[RectifiedGeometry, Iterator[RenderedPair]]:
-    """The geometry of an ``ideal`` scene, and pairs spread over it."""
-    renderer = SceneRenderer(scene)
-    assert renderer.rig is not None
-    camera = renderer.rig.left
-    geometry = RectifiedGeometry(*camera.size, camera.fx, camera.fy, camera.cx, camera.cy, renderer.rig.baseline_m)
-
-    def pairs() -> Iterator[RenderedPair]:
-        for index in np.linspace(0, renderer.n_frames - 1, count + 2).astype(int)[1:-1]:
-            frame = renderer.frame(int(index))
-            assert frame.right is not None
-            disparity = (geometry.disparity_metre / frame.depth).astype(np.float32)
-            yield RenderedPair(as_grey(frame.left), as_grey(frame.right), disparity, frame.owner)
-
-    return geometry, pairs()
-
-
-def matching_errors(found: F32, pair: RenderedPair) -> dict[str, tuple[F32, Bool]]:
-    """By surface, errors [px] and which of them are bad: bodies, the room, and the room next to nearer bodies, where
-    what is nearer than it by over a pixel is bad (foreground fattening)."""
-    error = found - pair.disparity
-    u = np.arange(error.shape[1])
-    body, room = pair.owner > 0, (pair.owner == 0) & (pair.disparity > 0)
-    near = cv2.dilate(np.where(body, pair.disparity, 0), np.ones((2 * RING_PX + 1, 2 * RING_PX + 1), np.uint8))
-    ring = room & (near > pair.disparity + 2) & (pair.disparity < u)
-    bad = np.abs(error) > INLIER_PX
-    return {
-        "bodies": (error[body], bad[body]),
-        "room": (error[room & (near == 0)], bad[room & (near == 0)]),
-        "ring": (error[ring], (error > INLIER_PX)[ring]),
-    }
-
-
-def score_matching(path: Path, count: int) -> list[dict[str, Any]]:
-    """Rows by matcher of one scene."""
-    progress(f"rendering {count} pairs of {path.stem}")
-    geometry, pairs = rendered_pairs(ideal(load_scene(path)), count)
-    matchers: dict[str, Matcher] = {
-        "planview": SgbmMatcher(geometry),
-        "full-size SGBM": FullSize(disparity_range(geometry)),
-    }
-    parts: dict[str, list[dict[str, tuple[F32, Bool]]]] = {name: [] for name in matchers}
-    for pair in pairs:
-        for name, matcher in matchers.items():
-            parts[name].append(matching_errors(matcher(pair.left, pair.right), pair))
-    rows = []
-    for name, frames in parts.items():
-        row: Row = {"scene": path.stem, "matcher": name}
-        for surface in ("bodies", "room", "ring"):
-            error, bad = (np.concatenate([frame[surface][k] for frame in frames]) for k in (0, 1))
-            known = np.isfinite(error)
-            inlier = error[known & ~bad]
-            if surface == "ring":
-                row["fattened"] = float(bad.mean())
-            else:
-                row |= {f"{surface}_rms_px": float(np.sqrt(np.mean(inlier**2))), f"{surface}_mean_px": inlier.mean()}
-                row |= {f"{surface}_bad": float(bad[known].mean()), f"{surface}_unknown": float((~known).mean())}
-        rows.append(row)
-    return rows
-
-
-@Parameter(name="*")
-@dataclass(frozen=True)
-class MatchingOptions:
-    """What is rendered."""
-
-    scene: Annotated[Sequence[str], Parameter(negative="")] = ("demo", "office", "overhead")
-    """Committed scenes, by name."""
-    frames: int = 12
-    """Pairs of each."""
-    json_output: JsonFlag = False
-    """Print one JSON object."""
-
-
-def matching(*, options: MatchingOptions | None = None) -> None:
-    """Compare disparity with rendered truth: on bodies, in the room, and next to bodies.
-
-    Example: python -m benchmarks matching --scene demo
-    """
-    o = options or MatchingOptions()
-    report(o.json_output, rows=[row for path in scene_files(o.scene) for row in score_matching(path, o.frames)])

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from open3d.geometry import PointCloud
 
 DISPARITY_STD_PX = 0.25
-"""Standard deviation of a matched disparity [px] (``python -m benchmarks matching``: 0.24 to 0.30 on people)."""
+"""Standard deviation of a matched disparity [px]: 0.24 to 0.30 on rendered people."""
 DEPTH_MAX_M = 30.0
 """Farther points are left out [m]: sensors for rooms do not reach them, and a pair's deviation exceeds any room."""
 UNITS_PER_M = 1000.0

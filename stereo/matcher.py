@@ -128,8 +128,8 @@ def valid_mask(mask: U8, params: SgbmParams) -> U8:
 
 
 BODY_LAG = 0.006
-"""People are measured farther away by this share of the distance (``python -m benchmarks matching``: 0.06 px at 10 px,
-0.12 px at 20 px): windows at a body's outline hold some of what is behind it."""
+"""People are measured farther away by this share of the distance (0.06 px at 10 px, 0.12 px at 20 px, on rendered
+people): windows at a body's outline hold some of what is behind it."""
 
 
 class SgbmMatcher:

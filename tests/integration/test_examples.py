@@ -24,7 +24,7 @@ def example(short_clip: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str]
 
 def test_every_example_is_tested() -> None:
     found = {path.name for path in EXAMPLES.iterdir() if path.suffix in (".py", ".ipynb")}
-    assert found == {"own_matcher.py", "own_tracker.py", "ablation.py", "sweep.py", "first_steps.ipynb"}
+    assert found == {"own_matcher.py", "own_tracker.py", "sweep.py", "first_steps.ipynb"}
 
 
 @pytest.mark.parametrize(
@@ -33,8 +33,6 @@ def test_every_example_is_tested() -> None:
         ("own_matcher.py", {}, ["block matching: 1 people"]),
         ("own_tracker.py", {}, ["switches 0"]),
         ("sweep.py", {"sizes_px": (160, 320)}, ["working_px,", "\n160,", "\n320,"]),
-        pytest.param("ablation.py", {}, ["as configured", "half the image", "more foreground", "template"],
-                     marks=pytest.mark.slow),
     ],
 )  # fmt: skip
 def test_example_finds_the_visitor_and_prints_its_rows(example, name, options, rows, capsys):

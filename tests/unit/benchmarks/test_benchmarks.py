@@ -12,15 +12,6 @@ from toy_recordings import write_video
 from toy_stereo import toy_rig
 
 from benchmarks.__main__ import main_benchmarks as main
-from benchmarks.ablation import (
-    CONFIGURED,
-    LADDER,
-    NOMINAL_HEIGHT_M,
-    AblationOptions,
-    ablation,
-    chosen_variants,
-    reduced,
-)
 from benchmarks.calibration import (
     ANGLE_OFF_DEG,
     HEIGHT_OFF_M,
@@ -33,14 +24,10 @@ from benchmarks.calibration import (
 from benchmarks.options import report
 from benchmarks.passes import bootstrap
 from benchmarks.speed import LIMITS, Yardstick, compared, counted, one_core, ratio_row
-from calib.errors import InputError
 from calib.pose import SE3
 from calib.rig import world_from_plane
 from calib.world import RigEntry
-from planview.engine.config import Config, load_config
 from planview.engine.open import open_engine
-from planview.maps.grid import Grid
-from planview.maps.plan_view import FloorPoints, PlanViewMaps
 
 
 def test_missing_recordings_and_too_few_frames_are_refused(tmp_path, capsys):
@@ -120,69 +107,6 @@ def test_floor_of_a_level_camera_is_found_among_larger_walls(seed: int) -> None:
     assert height_m < HEIGHT_OFF_M and angle_deg < ANGLE_OFF_DEG
 
 
-@pytest.fixture
-def maps():
-    """Two cells of 0.1 m: two points of 1 m and 1.6 m in the first, none in the second."""
-    grid = Grid.covering(0.0, 0.0, 0.2, 0.1, 0.1)
-    height = np.zeros(grid.shape, np.float32)
-    occupancy = np.zeros(grid.shape, np.float32)
-    height[0, 0], occupancy[0, 0] = 1.6, 0.003
-    points = FloorPoints(
-        np.array([[0.05, 0.05, 1.0], [0.06, 0.05, 1.6]], np.float32),
-        np.array([0.001, 0.002], np.float32),
-        np.array([7, 8], np.int32),
-        np.array([1, 2], np.uint8),
-    )
-    return PlanViewMaps(grid, height, occupancy, height, occupancy, 0.0, points)
-
-
-@pytest.mark.parametrize("variant", LADDER, ids=lambda v: v.name)
-def test_variant_changes_the_configuration_by_known_parameters(variant):
-    changed = load_config(None, variant.settings) != Config()
-    assert changed or variant.way != "online" or variant.template
-
-
-def test_variants_of_foreground_and_feedback_run_in_full_and_others_from_recorded_points():
-    full = {v.name for v in LADDER if not v.tracker_only}
-    assert full == {"feedback off", "colour only foreground"}
-
-
-def test_maps_without_occupancy_count_cells_and_keep_their_highest_point(maps):
-    left = reduced(maps, "height")
-    assert left.height[0, 0] == pytest.approx(1.6) and left.occupancy[0, 0] == pytest.approx(0.01)
-    assert left.occupancy[0, 1] == 0 and left.points.pixels.tolist() == [8]
-    assert left.points.colours.tolist() == [2] and left.points.area.tolist() == pytest.approx([0.01])
-
-
-def test_maps_without_height_are_equally_high_and_keep_occupancy(maps):
-    left = reduced(maps, "occupancy")
-    assert left.height[0].tolist() == pytest.approx([NOMINAL_HEIGHT_M, 0.0])
-    assert left.points.xyz[:, 2].tolist() == pytest.approx([NOMINAL_HEIGHT_M] * 2)
-    assert left.occupancy[0, 0] == pytest.approx(0.003) and maps.points.xyz[0, 2] == 1.0
-
-
 def test_interval_spans_the_resampled_recordings_and_is_their_figure_where_they_are_equal():
     assert bootstrap(np.array([0.0, 4.0]), np.ones(2)) == (2.0, 0.0, 4.0)
     assert bootstrap(np.array([3.0, 3.0]), np.array([2.0, 2.0])) == (1.5, 1.5, 1.5)
-
-
-def test_unknown_variants_and_recordings_without_truth_are_refused(tmp_path):
-    with pytest.raises(InputError, match="height only"):
-        chosen_variants(["joint"])
-    with pytest.raises(InputError, match=r"truth\.csv"):
-        ablation(options=AblationOptions(recording=[tmp_path], cache=tmp_path))
-
-
-@pytest.mark.slow
-def test_command_compares_variants_with_the_engine_as_configured(recording, capsys):
-    cache, folder, _ = recording
-    variants = ["without colours", "template"]
-    ablation(options=AblationOptions(recording=[folder], variant=variants, cache=cache, json_output=True))
-    result = json.loads(capsys.readouterr().out)
-    assert result["recordings"] == [folder.name]
-    names = [row["variant"] for row in result["variants"]]
-    assert names == [CONFIGURED.name, *variants]
-    assert result["variants"][0]["change_per_10_min"] == [0.0, 0.0, 0.0]
-    # One person alone: colours hardly decide where.
-    as_configured, without_colours = (row["position_error_m"][0] for row in result["variants"][:2])
-    assert without_colours == pytest.approx(as_configured, abs=0.02)

@@ -13,8 +13,7 @@ from toy_recordings import write_frames
 from toy_rgbd import write_toy_rgbd
 from toy_stereo import toy_rig
 
-from benchmarks.__main__ import main_benchmarks
-from benchmarks.options import rendered, scene_files
+from benchmarks.options import rendered
 from calib.errors import InputError
 from calib.formats import load_rig, write_rig
 from calib.formats.one_camera import LensOnlyError
@@ -112,13 +111,6 @@ def test_rendered_recording_is_kept_and_found_again(scene, tmp_path, capsys):
     assert capsys.readouterr().err == "rendering s\n"
     scene.write_text(SCENE.replace("2.4", "2.5"))
     assert rendered(load_scene(scene), "s", tmp_path / "cache", 1) != first
-
-
-def test_accuracy_knows_its_scenes(capsys):
-    assert {"crossing", "group", "office", "shadows", "eight", "furniture"} <= {p.stem for p in scene_files()}
-    with pytest.raises(SystemExit, match="2"):
-        main_benchmarks(["accuracy", "--scene", "nothing"])
-    assert "crossing" in capsys.readouterr().err
 
 
 RULES = """
