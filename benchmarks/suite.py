@@ -7,7 +7,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -22,17 +22,11 @@ from calib.io import load_toml, write_whole
 from planview.engine.config import Config
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.output.finished import refine_run
-from planview.synthetic.camera import mount_pose, rectified_world, stereo_rig
-from planview.synthetic.motion import TURNS
-from planview.synthetic.people import Cast
-from planview.synthetic.scene import Cartwheel, Scene
-from planview.synthetic.texture import Palette
+from planview.synthetic.scene import Scene
 from planview.trajectories.table import Trajectories, read_tracks, read_truth
 
 Way = Literal["online", "refined"]
 """Tracks as they came, and those refined afterwards."""
-TURNING = 0.02
-"""A cartwheel is turned from this share of a turn on: before, the head is still above the hips."""
 JUDGING_SEED = 100
 """The engine is tuned on seeds below; seeds from here on judge it, each once."""
 
@@ -76,21 +70,6 @@ def suite_recording(path: Path, seed: int, cache: Path) -> tuple[Path, Scene]:
     return rendered(scene, f"suite-{path.stem}-{seed}", cache), scene
 
 
-def judged_truth(truth: Trajectories, scene: Scene) -> Trajectories:
-    """The truth of a scene with the hips of those who turn a cartwheel in place of their heads, which swing by a body's
-    length about the place where a person is."""
-    if scene.rig is None or not any(isinstance(step, Cartwheel) for person in scene.people for step in person.steps):
-        return truth
-    motions = Cast(scene, Palette()).motions
-    _, world_SE3_room = rectified_world(stereo_rig(scene.rig), mount_pose(scene.rig))
-    x_m, y_m = truth.x_m.copy(), truth.y_m.copy()
-    for row, (frame, person) in enumerate(zip(truth.frame, truth.track_id, strict=True)):
-        hips, *_, actions = motions[person - 1].at(frame / scene.fps)
-        if TURNING < actions[TURNS] % 1.0 < 1.0 - TURNING:
-            x_m[row], y_m[row], _ = world_SE3_room @ np.array([*hips, 0.0])
-    return replace(truth, x_m=x_m, y_m=y_m)
-
-
 def run_job(job: SuiteJob) -> dict[Way, SceneScore] | str:
     """Render, track (both once, from the cache when they are there) and score one scene in every way asked for; or why
     no attempt fits into its room, or the engine refuses it."""
@@ -104,7 +83,7 @@ def run_job(job: SuiteJob) -> dict[Way, SceneScore] | str:
     tracks: dict[Way, Trajectories] = {"online": read_tracks(kept / "tracks.csv")}
     if job.refine:
         tracks["refined"] = refined_tracks(kept)
-    truth, n = judged_truth(read_truth(recording / "truth.csv"), scene), scene.n_frames
+    truth, n = read_truth(recording / "truth.csv"), scene.n_frames
     return {
         way: SceneScore(job.path.stem, job.seed, evaluate_tracks(t, truth), recording, n, n / scene.fps, kept)
         for way, t in tracks.items()

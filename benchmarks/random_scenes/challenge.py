@@ -234,7 +234,7 @@ def partition(stage: Stage, plan: Choreography) -> Iterator[Role]:
 
 PLOTS: dict[Plot, Callable[[Stage, Choreography], Iterable[Role]]] = {
     "cross": together.cross, "meet": together.meet, "stand": visit(0.55, together.stand), "pair": together.pair,
-    "return": together.come_back, "wander": together.wander, "cartwheel": visit(1.3, together.cartwheels),
+    "return": together.come_back, "wander": together.wander,
     "postures": visit(0.6, together.postures), "sit": sit, "floor": visit(0.75, together.sit_on_floor),
     "chair": chair, "bag": bag, "book": book, "partition": partition,
 }  # fmt: skip

@@ -92,12 +92,6 @@ class Role:
         self.time_s += seconds + 2.0
         self.place = np.array(seat.at_m) + 0.32 * ahead
 
-    def cartwheel(self, point: F64) -> None:
-        """Turn a cartwheel to a point."""
-        self.steps.append({"cartwheel": _pair(point)})
-        self.time_s += 1.6 + float(np.linalg.norm(point - self.place)) / 1.3
-        self.place = np.asarray(point, np.float64)
-
     def fidget(self, duration_s: float, actions: tuple[str, ...]) -> None:
         """Small movements on the spot, with pauses of 3 to 9 s."""
         place, end = self.place, self.time_s + duration_s
@@ -178,18 +172,6 @@ def sit_on_floor(part: Role, plan: Choreography) -> None:
     face = direction(part.place, part.stage.camera_xy) + float(part.rng.uniform(-1.5, 1.5))
     for action, seconds in (("stand", 1.0), ("sit", plan.duration_s), ("stand", 1.5)):
         part.do(action, seconds, face)
-
-
-def cartwheels(part: Role, plan: Choreography) -> None:
-    """Turn a cartwheel across the view, with a run-up, and one back."""
-    centre, angle = part.place, float(part.rng.uniform(-0.5, 0.5))
-    ends = [centre - unit(angle), centre + unit(angle)]
-    part.go(ends[:1])
-    part.do("stand", 1.0, angle - np.pi / 2)
-    part.cartwheel(ends[1])
-    part.do("stand", float(part.rng.uniform(2, 4)))
-    part.cartwheel(ends[0])
-    part.do("stand", 2.0)
 
 
 def cross(stage: Stage, plan: Choreography) -> Iterator[Role]:

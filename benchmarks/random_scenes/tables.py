@@ -21,7 +21,7 @@ from planview.synthetic.write import RigScene
 Phenomenon = Literal[
     "occlusion by people", "occlusion by static objects", "close interaction of two", "close interaction of three",
     "rolling chairs", "objects put down and taken", "large dark shadows", "heads above partitions",
-    "sitting on chairs", "sitting on the floor", "cartwheel", "unusual postures", "standing still",
+    "sitting on chairs", "sitting on the floor", "unusual postures", "standing still",
     "eight or more people", "leaving and returning", "similar clothes", "pairs in step", "children",
     "camera straight down", "camera nearly horizontal", "320x240", "640x480", "10 frames per second",
     "30 frames per second", "short baseline", "long baseline", "narrow lens", "wide lens", "automatic exposure",
@@ -30,7 +30,7 @@ Phenomenon = Literal[
 """What a scene may be hard for. Up to "unusual postures": Harville 2002, section 5; the rest is ours."""
 
 Plot = Literal[
-    "cross", "meet", "stand", "pair", "return", "wander", "cartwheel", "postures",
+    "cross", "meet", "stand", "pair", "return", "wander", "postures",
     "sit", "floor", "chair", "bag", "book", "partition",
 ]  # fmt: skip
 
@@ -92,7 +92,7 @@ class Choreography(Params):
     kind: Plot
     """cross: walk through the view and back, each in a lane of its own. meet: come together, move around each other,
     part. stand: stand and fidget. pair: walk shoulder to shoulder in step. return: leave the view and come back.
-    wander: random walks. cartwheel, postures: turn a wheel; crouch, bend, reach. sit, floor: take a seat. chair: roll a
+    wander: random walks. postures: crouch, bend, reach. sit, floor: take a seat. chair: roll a
     chair to another place. bag, book: put one down (a book on a shelf), and take it. partition: walk behind screens."""
     people: int = Field(1, ge=1, le=12)
     start_s: float = Field(0.5, ge=0)

@@ -1,6 +1,6 @@
 """What people of a scene carry, push or sit in: one table of parts, which count as the person's silhouette.
 
-Sizes are those of things in shops: a removal box, a school bag, an umbrella of 1.05 m, a pram with a carry
+Sizes are those of things in shops: a removal box, a school bag, a pram with a carry
 cot, a wheelchair of 0.4 m seat width, and a child of two years on the arm.
 """
 
@@ -66,16 +66,6 @@ LOADS: dict[LoadKind, Load] = {
         (0.05, 0, 0, -0.19, 0), (0.05, 0.08, 0.14, -0.19, 0), (0.12, 0.1, 0.16, -0.2, 0), (0.4, 0.1, 0.16, -0.2, 0),
         (0.5, 0.07, 0.13, -0.18, 0), (0.52, 0, 0, -0.18, 0),
     )),)),
-    "umbrella": Load("umbrella", (
-        Piece("right_hand", METAL, "rings", (
-            (-0.1, 0, 0, 0.03, 0), (-0.1, 0.012, 0.012, 0.03, 0), (0.74, 0.012, 0.012, -0.25, 0.12),
-            (0.75, 0, 0, -0.25, 0.12),
-        )),
-        Piece("right_hand", CLOTH, "rings", (
-            (0.5, 0, 0, -0.25, 0.12), (0.5, 0.52, 0.52, -0.25, 0.12), (0.62, 0.4, 0.4, -0.25, 0.12),
-            (0.71, 0.2, 0.2, -0.25, 0.12), (0.74, 0, 0, -0.25, 0.12),
-        )),
-    )),
     "pram": Load("push", (
         Piece("floor", METAL, "box", ((0.56, -0.24, 1.02), (0.6, 0.24, 1.06))),
         Piece("floor", METAL, "rings", (

@@ -18,7 +18,6 @@ from calib.types import F64
 from planview.synthetic.room import Obstacles, furniture_size
 from planview.synthetic.scene import (
     Bend,
-    Cartwheel,
     Crouch,
     Furniture,
     OnSpot,
@@ -33,9 +32,8 @@ from planview.synthetic.scene import (
 )
 
 TICK_HZ = 60.0
-ACTIONS = ("sit", "floor", "reach", "bend", "carry", "push", "low", "crouch", "turns")
-"""Weights of postures from 0 to 1; ``turns`` is the number of cartwheels turned so far."""
-TURNS = ACTIONS.index("turns")
+ACTIONS = ("sit", "floor", "reach", "bend", "carry", "push", "low", "crouch")
+"""Postures, each with a weight from 0 to 1."""
 WALK_STEP_S = 0.1
 """Time between two decisions of a wanderer [s]."""
 PERSONAL_M = 0.62
@@ -128,7 +126,6 @@ class _Script:
 
     def add(self, xy: F64, face: float, **weights: float) -> None:
         """Ticks at positions; a face of NaN follows the movement."""
-        weights.setdefault("turns", float(self.actions[-1][-1, TURNS]))
         self.xy.append(xy)
         self.face.append(np.full(len(xy), face))
         row = [weights.get(name, 0.0) for name in ACTIONS]
@@ -165,8 +162,6 @@ def scripted_motion(person: ScenePerson, furniture: dict[str, Furniture], end_s:
                 script.stay(seconds, face, bend=1.0)
             case Crouch(crouch_s=seconds):
                 script.stay(seconds, face, crouch=1.0)
-            case Cartwheel(cartwheel=point):
-                _turn_cartwheel(script, point)
             case Sit(sit_s=seconds, on=str(chair)):
                 _sit(script, seconds, furniture[chair], face)
             case Sit(sit_s=seconds):
@@ -215,19 +210,6 @@ def _walk(script: _Script, step: Walk) -> None:
     for name, how in ((step.push, "push"), (step.carry, "carry")):
         if name is not None:
             script.handlings.append(Handling(name, how, begin, script.now_s, step.put_z_m))
-
-
-def _turn_cartwheel(script: _Script, point: tuple[float, float]) -> None:
-    """One turn about the forward axis while the hips travel to the left, to a point."""
-    start, way = script.place, np.asarray(point, np.float64) - script.place
-    face = float(np.arctan2(way[1], way[0])) - np.pi / 2
-    script.stay(0.8, face)
-    # Speed of the hips during a cartwheel (2 m, about an arm span and a stride, in 1.5 s).
-    n = max(2, round(float(np.linalg.norm(way)) / 1.3 * TICK_HZ))
-    turned = float(script.actions[-1][-1, TURNS])
-    for k in range(1, n + 1):
-        script.add((start + way * k / n)[None], face, turns=turned + k / n)
-    script.stay(0.8, face)
 
 
 def _sit(script: _Script, seconds: float, chair: Furniture, face: float) -> None:
@@ -394,8 +376,6 @@ def _merged(person: ScenePerson, scripted: Motion, walker: _Walker) -> Motion:
     known = np.arange(len(track)) * WALK_STEP_S
     walk = np.column_stack([np.interp(times, known, track[:, c]) for c in (0, 1)])
     xy = np.concatenate([scripted.raw_xy[:n], walk])
-    after = np.zeros((len(walk), len(ACTIONS)))
-    after[:, TURNS] = scripted.raw_actions[n - 1, TURNS]
-    actions = np.concatenate([scripted.raw_actions[:n], after])
+    actions = np.concatenate([scripted.raw_actions[:n], np.zeros((len(walk), len(ACTIONS)))])
     face = np.concatenate([scripted.raw_face[:n], np.full(len(walk), np.nan)])
     return motion_from_ticks(person, xy, face, actions, scripted.handlings, walker.gone_s)

@@ -1,4 +1,4 @@
-"""Articulated people, their postures over time, and the things that roll, turn or are carried.
+"""Articulated people, their postures over time, and the things that move or are carried.
 
 Proportions after Drillis and Contini (in Winter, Biomechanics and Motor Control of Human Movement, table 4.1),
 in fractions of the standing height: ankle 0.039, knee 0.285, hip 0.530, shoulder 0.818, chin 0.870.
@@ -45,8 +45,6 @@ class Pose:
     shoulder: tuple[float, float] = (0.0, 0.0)
     abduct: tuple[float, float] = (0.12, 0.12)
     elbow: tuple[float, float] = (0.15, 0.15)
-    wheel: float = 0.0
-    """The whole body about its forward axis, to its left: a cartwheel, with the legs opened half-way through."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,10 +109,6 @@ class Body:
         for side in (0, 1):
             self._leg(placed, pose, side)
         mesh = join(placed)
-        if pose.wheel:
-            roll = _rx(-pose.wheel)
-            mesh, head = mesh.moved(roll, np.zeros(3)), head.moved(roll, np.zeros(3))
-            chest, skull, neck, hands = roll @ chest, roll @ skull, roll @ neck, [roll @ hand for hand in hands]
         lift = -float(mesh.vertices[:, 2].min())
         if self.load is not None:
             up = np.array([0.0, 0.0, lift])
@@ -143,8 +137,7 @@ class Body:
     def _leg(self, placed: list[Mesh], pose: Pose, side: int) -> None:
         h, sign = self.height_m, 1.0 if side == 0 else -1.0
         joint = np.array([0.0, sign * 0.05 * h, 0.0])
-        opened = 0.3 * pose.spread[side] + 0.6 * abs(np.sin(pose.wheel / 2))
-        upper = rotation_z(sign * pose.spread[side]) @ _rx(sign * opened) @ _ry(-pose.hip[side])
+        upper = rotation_z(sign * pose.spread[side]) @ _rx(sign * 0.3 * pose.spread[side]) @ _ry(-pose.hip[side])
         placed.append(self._parts["thigh"].moved(upper, joint))
         knee = joint + upper @ np.array([0.0, 0.0, -THIGH * h])
         lower = upper @ _ry(pose.knee[side])
@@ -232,10 +225,7 @@ def pose_at(
     xy, heading, phase, speed, actions = motion.at(t)
     w = dict(zip(ACTIONS, actions, strict=True)) | ({posture: 1.0} if posture else {})
     still = float(np.clip(1.0 - speed / 0.35, 0.0, 1.0))
-    turned = w["turns"] % 1.0
-    wheel = float(np.clip(2.5 * np.sin(np.pi * turned), 0.0, 1.0))
-    still *= 1.0 - wheel
-    going = min(1.0, speed / 0.35) * (1.0 - max(w["sit"], w["floor"], w["low"], wheel))
+    going = min(1.0, speed / 0.35) * (1.0 - max(w["sit"], w["floor"], w["low"]))
     step = float(step_length_m(height_m, np.array([speed]))[0])
     swing = float(np.arcsin(np.clip(step / (2 * HIP * height_m), 0, 0.7))) * going
     # (6,) slow irregular numbers in about -1..1, different for each person.
@@ -257,7 +247,7 @@ def pose_at(
         "spread": np.full(2, 0.02), "abduct": np.full(2, 0.12),
     }  # fmt: skip
     for name, target in POSTURES.items():
-        weight = wheel if name == "turns" else w.get(name, 0.0)
+        weight = w.get(name, 0.0)
         for joint, value in target.items():
             pose[joint] = pose[joint] + weight * (np.asarray(value) - pose[joint])
     joints = {name: (float(both[0]), float(both[1])) for name, both in pose.items() if name != "lean"}
@@ -267,7 +257,6 @@ def pose_at(
         twist=0.12 * going * float(np.sin(phase + np.pi / 2)) * swing / 0.4,
         nod=0.08 + 0.06 * float(idle[2]),
         turn=0.5 * float(idle[3]) * still,
-        wheel=2 * np.pi * turned,
         **joints,
     )
     x_m, y_m = (float(v) for v in xy + 0.015 * still * idle[:2])
@@ -286,10 +275,7 @@ POSTURES: dict[str, dict[str, tuple[float, ...]]] = {
             "foot": (0.0, 0.0), "spread": (0.15, 0.15)},
     "crouch": {"hip": (2.15, 2.15), "knee": (2.55, 2.55), "lean": (0.45,), "shoulder": (0.8, 0.8),
                "elbow": (0.7, 0.7), "foot": (-0.35, -0.35), "spread": (0.25, 0.25)},
-    "turns": {"shoulder": (0.0, 0.0), "elbow": (0.05, 0.05), "abduct": (2.6, 2.6), "hip": (0.0, 0.0),
-              "knee": (0.05, 0.05), "lean": (0.0,)},
     "push": {"shoulder": (0.75, 0.75), "elbow": (0.55, 0.55), "lean": (0.15,), "abduct": (0.08, 0.08)},
-    "umbrella": {"shoulder": (0.1, 0.5), "elbow": (0.3, 2.0)},
 }  # fmt: skip
 
 
@@ -312,7 +298,7 @@ class Cast:
         self.motions = wander(scene, scripted)
         self._bodies = [Body(p, palette) for p in scene.people]
         handled = {h.furniture for m in self.motions for h in m.handlings}
-        self.is_moving = [bool(f.moves or f.swivel or f.name in handled) for f in scene.furniture]
+        self.is_moving = [bool(f.moves or f.name in handled) for f in scene.furniture]
         self._things = [
             (f, furniture_mesh(f, palette)) for f, moving in zip(scene.furniture, self.is_moving, strict=True) if moving
         ]
@@ -360,10 +346,6 @@ def furniture_at(item: Furniture, t: float) -> tuple[F64, float, float]:
         angles = np.deg2rad([item.heading_deg if m.heading_deg is None else m.heading_deg for m in item.moves])
         place = np.array([np.interp(t, times, xy[:, 0]), np.interp(t, times, xy[:, 1])])
         heading = float(np.interp(t, times, angles))
-    if item.swivel is not None:
-        s = item.swivel
-        u = float(np.clip(t, s.from_s, s.until_s)) - s.from_s
-        heading += float(np.deg2rad(s.amplitude_deg) * np.sin(2 * np.pi * u / s.period_s))
     return place, heading, item.z_m
 
 

@@ -13,7 +13,7 @@ from calib.io import parse_toml, read_text
 from calib.params import Params, first_problem
 
 Pair = tuple[float, float]
-STEP_KEYS = ("go", "stand_s", "until_s", "sit_s", "reach_s", "bend_s", "crouch_s", "cartwheel")
+STEP_KEYS = ("go", "stand_s", "until_s", "sit_s", "reach_s", "bend_s", "crouch_s")
 """The keys of a step in TOML, of which it has exactly one."""
 
 
@@ -29,13 +29,6 @@ class Walk(Params):
     """Furniture carried while walking."""
     put_z_m: float = Field(0.0, ge=0, le=2)
     """Height at which a carried thing is put down after the walk [m]."""
-
-
-class Cartwheel(Params):
-    """Turn a cartwheel to the left."""
-
-    cartwheel: Pair
-    """Its end [m]."""
 
 
 class OnSpot(Params):
@@ -86,8 +79,7 @@ Step = Annotated[
     | Annotated[Sit, Tag("sit_s")]
     | Annotated[Reach, Tag("reach_s")]
     | Annotated[Bend, Tag("bend_s")]
-    | Annotated[Crouch, Tag("crouch_s")]
-    | Annotated[Cartwheel, Tag("cartwheel")],
+    | Annotated[Crouch, Tag("crouch_s")],
     Discriminator(
         _action,
         custom_error_type="step",
@@ -106,7 +98,7 @@ Wall = Literal["south", "north", "west", "east"]
 FurnitureKind = Literal[
     "table", "chair", "office_chair", "partition", "box", "shelf", "plant", "sofa", "column", "bench", "door", "bag"
 ]
-LoadKind = Literal["box", "backpack", "umbrella", "pram", "wheelchair", "child"]
+LoadKind = Literal["box", "backpack", "pram", "wheelchair", "child"]
 
 
 class Surface(Params):
@@ -173,15 +165,6 @@ class Move(Params):
     heading_deg: float | None = None
 
 
-class Swivel(Params):
-    """A chair that turns to and fro about its column."""
-
-    from_s: float = Field(0.0, ge=0)
-    until_s: float = Field(1e6, gt=0)
-    amplitude_deg: float = Field(60.0, gt=0, le=360)
-    period_s: float = Field(4.0, gt=0.5)
-
-
 class Furniture(Params):
     """A thing in the room."""
 
@@ -196,7 +179,6 @@ class Furniture(Params):
     """Length (along its front), depth and height; the kind's own when absent."""
     surface: Surface | None = None
     moves: tuple[Move, ...] = ()
-    swivel: Swivel | None = None
 
 
 class Wander(Params):

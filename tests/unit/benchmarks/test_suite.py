@@ -10,10 +10,9 @@ import pytest
 from benchmarks.passes import Pass, together
 from benchmarks.random_scenes.generator import SUITE, random_scene
 from benchmarks.real import WALKER_PATH, recordings_with_truth, score_pets, score_real, spread, truth_of
-from benchmarks.suite import SuiteJob, SuiteOptions, chosen_files, judged_truth, run_job, suite
+from benchmarks.suite import SuiteJob, SuiteOptions, chosen_files, run_job, suite
 from calib.errors import InputError
 from planview.engine.config import Config, load_config
-from planview.synthetic.scene import Cartwheel
 from planview.trajectories.table import Trajectories, positions_table, read_tracks
 
 
@@ -53,26 +52,6 @@ def test_challenge_with_a_value_out_of_range_is_refused_naming_file_and_key(chal
     path.write_text(challenge.read_text().replace("lens_deg = 70", "lens_deg = 170"))
     with pytest.raises(InputError, match=r"dark\.toml: camera\.lens_deg: .* found 170"):
         random_scene("suite", 1, path)
-
-
-def test_heads_of_a_cartwheel_are_judged_at_the_hips_which_go_straight():
-    scene = random_scene("suite", 1, SUITE / "cartwheel.toml").scene
-    person = next(i for i, p in enumerate(scene.people, 1) if any(isinstance(step, Cartwheel) for step in p.steps))
-    frames = np.arange(scene.n_frames)
-    heads = positions_table(frames, np.full(len(frames), person), np.full((len(frames), 2), 99.0))
-    judged = judged_truth(heads, scene)
-    turning = judged.x_m != 99.0
-    assert 0.5 < turning.sum() / scene.fps < 6.0
-    first = np.split(np.flatnonzero(turning), np.flatnonzero(np.diff(np.flatnonzero(turning)) > 1) + 1)[0]
-    way = np.column_stack([judged.x_m, judged.y_m])[first]
-    along = (way[-1] - way[0]) / np.linalg.norm(way[-1] - way[0])
-    assert np.abs((way - way[0]) @ [-along[1], along[0]]).max() < 0.05
-
-
-def test_truth_of_upright_people_is_judged_as_it_is(recording):
-    _, _, scene = recording
-    truth = positions_table(np.arange(3), np.ones(3, dtype=np.int64), np.zeros((3, 2)))
-    assert judged_truth(truth, scene) is truth
 
 
 def test_command_reports_scenes_and_seeds_as_json(challenge, recording, tmp_path, capsys):

@@ -128,14 +128,6 @@ def test_planted_foot_does_not_slide():
     assert np.median(slid) < 0.04  # the body moves 8 cm per frame
 
 
-def test_cartwheel_puts_the_head_down_half_way_and_ends_upright_at_its_point():
-    person = walker({"cartwheel": (0, 2)}, height_m=1.75)
-    motion, body = scripted_motion(person, {}, 6), Body(person, Palette())
-    tops = [body.pose(*pose_at(0, 1.75, motion, t)).top_m for t in np.arange(0.0, 5.0, 0.05)]
-    assert min(tops) < 0.9 and (tops[0], tops[-1]) == pytest.approx((1.75, 1.75), abs=0.03)
-    assert motion.at(5.0)[0] == pytest.approx([0, 2], abs=0.01)
-
-
 def test_crouching_lowers_the_head_and_a_low_bench_more_than_a_chair():
     seats = {n: Furniture(kind=k, name=n, at_m=(2, 0), size_m=s) for n, k, s in
              (("low", "bench", (0.45, 0.5, 0.33)), ("chair", "chair", None))}  # fmt: skip
