@@ -27,11 +27,10 @@ def one_camera() -> None:
     from crossing_video import CAMERA, CrossingVideo
 
     from planview.engine.config import Config
-    from planview.engine.one_camera import one_camera_engine
-    from planview.engine.open import image_tracker
+    from planview.engine.open import engine_of
 
     for name in ("human-model", "ellipse-particle"):
-        engine = one_camera_engine(CrossingVideo(), image_tracker(name, Config(), CAMERA), camera=CAMERA)
+        engine = engine_of(CrossingVideo(), name, Config(), camera=CAMERA)
         list(islice(engine, 30))
 
 

@@ -10,11 +10,11 @@ from toy_stereo import ToyWorld
 from calib.rig import Floor
 from planview.engine.config import Config
 from planview.maps.grid import FloorRig
-from planview.maps.recording import MapsFrame, MapsWriter
+from planview.maps.recording import MapsWriter, RecordedPoints, RecordedViews
 from planview.maps.view import MapBuilder
-from stereo.depth import RectifiedGeometry
+from stereo.depth import Depth, RectifiedGeometry
 from stereo.matcher import DisparityRange
-from stereo.recording import Skipped
+from stereo.recording import Frame, Skipped
 
 GEOMETRY = RectifiedGeometry(80, 60, 58.0, 58.0, 39.5, 29.5, 0.12)
 
@@ -25,7 +25,7 @@ def write_toy_maps(path: Path, n_frames: int = 40) -> Path:
     cloud = MapBuilder(GEOMETRY, pose, config.maps, 1)
     floor = Floor(pose, 0.8, 0.01, extent_m=(-3.0, 0.0, 3.0, 6.0))
     view = FloorRig(GEOMETRY, floor, "found", "toy", 0.1, DisparityRange(0, 16), cloud.grid, 1)
-    writer = MapsWriter(path, view, config.model_dump_json(), 15.0)
+    writer = MapsWriter(path, RecordedViews(view, config.model_dump_json()), 15.0)
     background = np.full(cloud.shape, GEOMETRY.disparity_at(4.0), np.float32)
     rng = np.random.default_rng(4)
     for index in (i for i in range(n_frames) if i != 7):
@@ -36,7 +36,8 @@ def write_toy_maps(path: Path, n_frames: int = 40) -> Path:
         disparity[20:23, left : left + 3] = np.nan
         image = np.full((*cloud.shape, 3), (40, 40, 160), np.uint8)
         renewed = background if index == 0 else None
-        view_now = cloud.view(cloud.points(disparity, mask, image), mask, index / 15.0, renewed, image)
-        writer.add(MapsFrame.of(index, index / 15.0, disparity, view_now))
+        depth = Depth(image, disparity, 1, None, lambda image=image: image)
+        view_now = cloud.view(cloud.points(disparity, mask, image), mask, index / 15.0, renewed, depth)
+        writer.add(Frame(index, index / 15.0, (RecordedPoints.of(view_now),)))
     writer.close([Skipped(7, "left: file is missing")])
     return path

@@ -24,10 +24,7 @@ from toy_stereo import ToyWorld, toy_rig, walking, write_toy_recording
 from calib.errors import InputError, WorkError
 from calib.rig import Floor
 from calib.world import RigEntry, load_rigs, save_rigs, save_world
-from planview.engine.config import Config
-from planview.engine.open import open_engine
-from planview.engine.setup import set_up
-from planview.engine.stereo import stereo_engine
+from planview.engine.open import engine_of, open_engine
 from stereo.readers import open_any, open_recording
 
 NUMBERS = (
@@ -183,7 +180,7 @@ def try_text(folder: Path, rng: random.Random) -> None:
     recording = open_any(path)
     list(recording)
     if place == "images":
-        stereo_engine(recording, Config(), setup=set_up(recording, Config()))
+        engine_of(recording)
 
 
 CASES: dict[str, Callable[[Path, random.Random], None]] = {

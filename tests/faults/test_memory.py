@@ -17,12 +17,12 @@ from calib.rig import Floor
 from calib.world import save_world
 from planview.engine.config import Config
 from planview.engine.engine import Engine, FrameResult
+from planview.engine.open import engine_of
 from planview.engine.setup import set_up
-from planview.engine.stereo import stereo_engine
 from planview.output.run import RunLog, RunOptions, run
 from planview.output.tables import MapsLog
 from stereo.readers import open_recording
-from stereo.recording import StereoFrame, StereoRecording
+from stereo.recording import Frame, Pair, Recording, Shot
 
 pytestmark = pytest.mark.slow
 os.environ["MIMALLOC_PURGE_DELAY"] = "0"
@@ -37,13 +37,13 @@ class Laps:
 
     n_frames = FRAMES
 
-    def __init__(self, recording: StereoRecording) -> None:
+    def __init__(self, recording: Recording[Pair]) -> None:
         self._one = recording
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._one, name)
 
-    def __iter__(self) -> Iterator[StereoFrame]:
+    def __iter__(self) -> Iterator[Frame[Shot]]:
         for first in range(0, FRAMES, LAP):
             for frame in self._one:
                 yield replace(frame, index=first + frame.index, timestamp_s=(first + frame.index) / 15.0)
@@ -55,7 +55,7 @@ def engine(tmp_path: Path) -> Engine:
     folder = write_toy_recording(tmp_path / "r", rig, [world.pair(rig, walking(i), i) for i in range(LAP)])
     save_world(Floor(world.world_SE3_left, 0.8, 0.01), folder / "world.toml")
     recording = open_recording(folder)
-    return stereo_engine(Laps(recording), Config(), setup=set_up(recording, Config()))
+    return engine_of(Laps(recording), config=Config(), setup=set_up(recording, Config()))
 
 
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="resident memory is read from /proc")

@@ -10,7 +10,7 @@ import numpy as np
 from calib.ground_camera import GroundCamera
 from calib.people.model import HumanModel
 from calib.types import U8
-from stereo.recording import Skipped, VideoFrame
+from stereo.recording import Frame, OneCamera, OpenOptions, Shot, Skipped
 
 CAMERA = GroundCamera(160, 120, 120.0, 4.0, math.radians(62))
 
@@ -18,16 +18,22 @@ CAMERA = GroundCamera(160, 120, 120.0, 4.0, math.radians(62))
 class CrossingVideo:
     """Two people of one camera who cross, before a noisy wall; empty for a second."""
 
-    path, n_frames, fps, size = Path("crossing"), 60, 10.0, (160, 120)
+    path, n_frames, fps, head = Path("crossing"), 60, 10.0, OneCamera((160, 120))
     skipped: tuple[Skipped, ...] = ()
+    notes: tuple[str, ...] = ()
+    options, is_live = OpenOptions(), False
 
-    def __iter__(self) -> Iterator[VideoFrame]:
+    @property
+    def parts(self) -> tuple["CrossingVideo"]:
+        return (self,)
+
+    def __iter__(self) -> Iterator[Frame[Shot]]:
         rng = np.random.default_rng(5)
         for i in range(self.n_frames):
             image = np.clip(128 + rng.normal(0, 2, (120, 160, 3)), 0, 255).astype(np.uint8)
             if i >= 10:
                 self._paint(image, (i - 10) / self.fps)
-            yield VideoFrame(i, i / self.fps, image)
+            yield Frame(i, i / self.fps, ((image,),))
 
     def _paint(self, image: U8, t: float) -> None:
         for x, y, colour in ((0.8 * t - 2, 6.0, (20, 20, 200)), (2 - 0.8 * t, 7.0, (200, 40, 20))):

@@ -16,14 +16,14 @@ from toy_stereo import walking
 from planview.checks.examine import examine
 from planview.cli import main
 from planview.engine.config import Config
+from planview.engine.open import engine_of
 from planview.engine.setup import set_up
-from planview.engine.stereo import stereo_engine
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.output.folder import prepare_folder
 from planview.synthetic.assets import DEMO
 from planview.trajectories.table import TrajectoryCollector, read_truth
 from stereo.readers import open_recording
-from stereo.recording import StereoFrame, StereoRecording
+from stereo.recording import Frame, Pair, Recording, Shot
 
 
 def test_demo_tracks_its_clip_and_prints_the_metrics(recording, tmp_path, monkeypatch, capsys):
@@ -70,10 +70,10 @@ def test_demo_without_its_clip_and_view_without_a_rerun_recording_are_refused(re
 class EverySecondFrame:
     """A recording without its odd frames, with the timestamps of the even ones."""
 
-    def __init__(self, recording: StereoRecording) -> None:
+    def __init__(self, recording: Recording[Pair]) -> None:
         self._recording = recording
 
-    def __iter__(self) -> Iterator[StereoFrame]:
+    def __iter__(self) -> Iterator[Frame[Shot]]:
         for frame in self._recording:
             if frame.index % 2 == 0:
                 yield replace(frame, index=frame.index // 2)
@@ -85,7 +85,7 @@ class EverySecondFrame:
 @pytest.mark.slow
 def test_demo_clip_at_half_its_frame_rate_is_tracked_without_a_significant_error() -> None:
     recording, config, tracks = open_recording(DEMO), Config(), TrajectoryCollector()
-    for result in stereo_engine(EverySecondFrame(recording), config, setup=set_up(recording, config)):
+    for result in engine_of(EverySecondFrame(recording), config=config, setup=set_up(recording, config)):
         tracks.add(result.frame, result.timestamp_s, result.tracks)
     truth = read_truth(DEMO / "truth.csv")
     truth = truth.where(truth.frame % 2 == 0)

@@ -1,6 +1,7 @@
 """Planview in a program: runs, engines step by step, and a tracker of one's own."""
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 
 import cv2
@@ -13,12 +14,11 @@ import planview
 from calib.errors import InputError
 from calib.types import U8
 from planview.engine.engine import Engine, FrameResult
-from planview.engine.one_camera import one_camera_engine
-from planview.engine.open import open_engine
+from planview.engine.open import engine_of, open_engine
 from planview.tracking.base import Decision, Observation, TrackerDebug
 from planview.tracking.ellipse_particle import EllipseParticleTracker
 from planview.trajectories.state import TrackState
-from stereo.recording import VideoFrame
+from stereo.recording import Frame
 
 
 def test_run_without_a_folder_gives_what_a_folder_would_hold(engine: planview.Engine, tmp_path: Path) -> None:
@@ -84,13 +84,13 @@ def test_reset_forgets_the_background_of_a_stereo_engine(engine: Engine) -> None
 
 
 def test_steps_of_a_single_camera_engine_give_the_tracks_of_its_iteration() -> None:
-    engine = one_camera_engine(CrossingVideo(), EllipseParticleTracker())
+    engine = engine_of(CrossingVideo(), EllipseParticleTracker())
     assert [r.tracks for r in stepped(engine, CrossingVideo.n_frames)] == [r.tracks for r in engine]
 
 
 def test_frames_of_another_kind_of_recording_are_refused(engine: Engine) -> None:
-    with pytest.raises(InputError, match="expected a stereo pair, found a VideoFrame"):
-        engine.step(VideoFrame(0, 0.0, np.zeros((48, 64), np.uint8)))
+    with pytest.raises(InputError, match="expected a left and a right image, found one image"):
+        engine.step(Frame(0, 0.0, ((np.zeros((48, 64), np.uint8),),)))
 
 
 @pytest.mark.parametrize(("returned", "found"), [(None, "NoneType"), ([(1.0, 2.0)], "a sequence of something else")])
@@ -98,7 +98,7 @@ def test_trackers_that_return_anything_but_track_states_are_refused(returned: ob
     tracker = EllipseParticleTracker()
     tracker.update = lambda observation: returned  # type: ignore[method-assign,assignment,return-value]
     with pytest.raises(InputError, match=f"sequence of TrackState from EllipseParticleTracker.update, found {found}"):
-        next(iter(one_camera_engine(CrossingVideo(), tracker)))
+        next(iter(engine_of(CrossingVideo(), tracker)))
 
 
 class OwnTracker(EllipseParticleTracker):
@@ -118,18 +118,18 @@ def test_rows_that_no_table_holds_are_named_at_the_first_frame(rows: list[TrackS
     tracker = OwnTracker()
     tracker.update = lambda observation: rows  # type: ignore[method-assign,assignment,return-value]
     with pytest.raises(InputError, match=f"OwnTracker.update for tracks.csv, .*{found}"):
-        next(iter(one_camera_engine(CrossingVideo(), tracker)))
+        next(iter(engine_of(CrossingVideo(), tracker)))
 
 
 def test_labels_of_another_size_are_named() -> None:
     tracker = OwnTracker()
     tracker.feedback = lambda: np.zeros((3, 3), np.uint8)  # type: ignore[method-assign]
     with pytest.raises(InputError, match=r"tracker=: expected feedback of .* labels, found \(3, 3\)"):
-        next(iter(one_camera_engine(CrossingVideo(), tracker)))
+        next(iter(engine_of(CrossingVideo(), tracker)))
 
 
 def test_results_are_short_in_a_console() -> None:
-    result = next(iter(one_camera_engine(CrossingVideo(), EllipseParticleTracker())))
+    result = next(iter(engine_of(CrossingVideo(), EllipseParticleTracker())))
     assert repr(result) == "FrameResult(frame 0, 0.00 s, 0 tracks)"
     assert repr(TrackState(3, "lost", 1.234, 2.0)) == "TrackState(3, lost, x_m=1.23, y_m=2.00, height_m=nan)"
 
@@ -143,7 +143,7 @@ def test_arguments_of_another_type_are_refused_by_name(recording: Path, tmp_path
         planview.open_engine(recording, EllipseParticleTracker)  # type: ignore[arg-type]
     (tracker := EllipseParticleTracker()).foreground_columns = "a"  # type: ignore[assignment]
     with pytest.raises(InputError, match="tracker=: expected foreground_columns above 0 or None, found 'a'"):
-        one_camera_engine(CrossingVideo(), tracker)
+        engine_of(CrossingVideo(), tracker)
     with pytest.raises(InputError, match=r"expected a table .*, found NoneType"):
         planview.count_tracks(None, tmp_path / "rules.toml")  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"frames=: expected the first and the last frame, found \(9, 1\)"):
@@ -154,7 +154,7 @@ def test_arguments_of_another_type_are_refused_by_name(recording: Path, tmp_path
 
 @pytest.mark.parametrize("known", [True, False])
 def test_an_engine_without_stereo_says_what_it_knows_of_its_camera(known: bool) -> None:
-    engine = one_camera_engine(CrossingVideo(), EllipseParticleTracker(), camera=CAMERA if known else None)
+    engine = engine_of(CrossingVideo(), EllipseParticleTracker(), camera=CAMERA if known else None)
     assert engine.stereo is None
     assert (engine.camera_info() is not None, engine.floor_info() is not None) == (known, known)
 
@@ -162,6 +162,7 @@ def test_an_engine_without_stereo_says_what_it_knows_of_its_camera(known: bool) 
 class Brightest:
     """Follows the brightest pixel; gives no feedback, as trackers of plan-view maps do."""
 
+    needs = "maps"
     decisions: tuple[Decision, ...] = ()
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
@@ -182,12 +183,16 @@ class Brightest:
 class BrightestInImage(Brightest):
     """The same as an ``ImageTracker``."""
 
+    needs = "image"
     foreground_columns = None
+
+    def study(self, observations: Iterable[Observation]) -> None:
+        """Nothing to learn."""
 
 
 def test_an_engine_with_a_tracker_that_gives_no_state_has_none() -> None:
     with pytest.raises(TypeError, match=r"BrightestInImage has no state\(\)"):
-        one_camera_engine(CrossingVideo(), BrightestInImage()).state()
+        engine_of(CrossingVideo(), BrightestInImage()).state()
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.trajectories.formats import load_truth
 from planview.trajectories.table import Trajectories, read_tracks, write_header, write_rows
 from stereo.readers import find_layout, open_any
-from stereo.recording import RgbdRecording
+from stereo.recording import DepthCamera
 
 
 @pytest.fixture
@@ -166,9 +166,9 @@ def test_tum_sample_pairs_all_but_the_frame_left_out(shared_data: Path) -> None:
     path = shared_data / "recordings" / "tum-rgbd-people"
     reader, layout = find_layout(path)
     recording = open_any(path)
-    assert isinstance(recording, RgbdRecording)
+    assert isinstance(recording.head, DepthCamera)
     assert (reader.key, layout.kind, recording.n_frames) == ("tum-rgbd", "rgbd", 20)
     assert recording.fps == pytest.approx(5.0)
     first = recording.at([0, 6])
     assert [frame.index for frame in first] == [0]
-    assert 3.0 < float(np.nanmedian(first[0].depth_m)) < 4.5  # 5000 values per metre: at 1000 it would be 18 m
+    assert 3.0 < float(np.nanmedian(first[0].images[1])) < 4.5  # 5000 values per metre: at 1000 it would be 18 m

@@ -74,7 +74,7 @@ def test_images_without_a_floor_are_a_failure_told_in_one_sentence(refused, pair
 
 def test_frames_that_are_all_unusable_are_a_failure(engine, recording, tmp_path):
     class Empty:
-        path, n_frames, fps, rig, skipped = recording, 3, 15.0, engine.recording.rig, ()
+        path, n_frames, fps, rig, skipped = recording, 3, 15.0, engine.recording.head.rig, ()
 
         def __iter__(self) -> Iterator[FrameResult]:
             return iter(())

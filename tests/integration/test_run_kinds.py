@@ -16,14 +16,12 @@ import planview
 from calib.errors import InputError
 from calib.ground_camera import save_ground_camera
 from planview.engine.engine import Engine, FrameResult
-from planview.engine.open import open_engine
-from planview.engine.replay import recorded_config, replay_engine
+from planview.engine.open import engine_of, open_engine
 from planview.maps.recording import MapsRecording
 from planview.output.folder import read_run_info
 from planview.output.report.page import write_report
 from planview.output.run import RunOptions, run
 from planview.output.tables import MapsLog
-from planview.tracking.joint import JointTracker
 from planview.trajectories.table import read_tracks
 from stereo.readers import OpenOptions, open_recording
 from tests.human_model_world import CAMERA
@@ -58,8 +56,7 @@ def test_maps_are_tracked_again_bit_for_bit(cli, live, maps, tmp_path):
 
 def test_maps_built_from_the_recording_are_those_of_the_run(live, engine):
     recording = MapsRecording(live[0] / "maps.h5")
-    config = recorded_config(recording)
-    again = list(replay_engine(recording, JointTracker(config.joint), config))
+    again = list(engine_of(recording))
     assert len(again) == len(live[1]) == FRAMES
     for before, after in zip(live[1], again, strict=True):
         old, new = before.observation.maps, after.observation.maps
@@ -259,8 +256,8 @@ def test_check_takes_two_paths(two: tuple[Path, Path, Path], json_of: JsonOf) ->
 def test_two_videos_are_the_pair_of_their_folder(tmp_path: Path) -> None:
     (tmp_path / "pair").mkdir()
     folder = video_pair(tmp_path / "pair", (6, 6))
-    frames = [frame.left for frame in open_recording(folder)]
-    found = [frame.left for frame in open_recording(folder / "left.avi", OpenOptions(right=folder / "right.avi"))]
+    frames = [frame.image for frame in open_recording(folder)]
+    found = [frame.image for frame in open_recording(folder / "left.avi", OpenOptions(right=folder / "right.avi"))]
     assert len(found) == len(frames) and all((a == b).all() for a, b in zip(found, frames, strict=True))
 
 

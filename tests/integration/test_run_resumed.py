@@ -16,11 +16,8 @@ from planview.counting.rules import load_rules
 from planview.counting.stream import Analytics
 from planview.engine.config import load_config
 from planview.engine.engine import Engine, FrameResult
-from planview.engine.one_camera import one_camera_engine
-from planview.engine.open import open_engine
-from planview.engine.replay import replay_engine
+from planview.engine.open import engine_of, open_engine
 from planview.engine.setup import set_up
-from planview.engine.stereo import stereo_engine
 from planview.maps.recording import MapsRecording
 from planview.output.folder import read_run_info, rrd_parts
 from planview.output.resume import CHECKPOINT, SavedState, checkpoint_of, decode, difference, encode
@@ -30,7 +27,6 @@ from planview.tracking.ellipse_particle import EllipseParticleTracker
 from planview.tracking.human_model import HumanModelParams
 from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map
 from planview.tracking.human_model.tracker import HumanModelTracker
-from planview.tracking.joint import JointTracker
 
 RULES = (
     '[[zone]]\nname = "all"\npolygon_m = [[-9, -9], [9, -9], [9, 9], [-9, 9]]\nmin_age_s = 0.0\n'
@@ -242,7 +238,7 @@ def moments(seed: int, first: int, last: int, count: int = 3) -> tuple[int, ...]
 
 def test_a_stereo_engine_resumes(engine: Engine) -> None:
     c, setup = engine.config, set_up(engine.recording, engine.config)
-    assert_resumes(lambda: stereo_engine(engine.recording, c, JointTracker(c.joint), setup=setup), moments(1, 8, 35))
+    assert_resumes(lambda: engine_of(engine.recording, "joint", c, setup=setup), moments(1, 8, 35))
 
 
 @pytest.mark.slow
@@ -257,20 +253,18 @@ def test_the_engine_of_recorded_maps_resumes(engine: Engine, tmp_path: Path) -> 
     log.close()
 
     def make() -> Engine:
-        return replay_engine(MapsRecording(tmp_path / "maps.h5"), JointTracker(engine.config.joint))
+        return engine_of(MapsRecording(tmp_path / "maps.h5"))
 
     assert_resumes(make, moments(2, 8, 35))
 
 
 def test_the_engine_of_one_camera_resumes() -> None:
     def make() -> Engine:
-        return one_camera_engine(CrossingVideo(), HumanModelTracker(PARAMS, CAMERA, MAP), camera=CAMERA)
+        return engine_of(CrossingVideo(), HumanModelTracker(PARAMS, CAMERA, MAP), camera=CAMERA)
 
     assert_resumes(make, moments(3, 2, 58))
 
 
 @pytest.mark.parametrize("overview", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_the_ellipse_engine_of_one_camera_resumes(overview: bool) -> None:
-    assert_resumes(
-        lambda: one_camera_engine(CrossingVideo(), EllipseParticleTracker(), overview=overview), moments(4, 2, 58)
-    )
+    assert_resumes(lambda: engine_of(CrossingVideo(), EllipseParticleTracker(), study=overview), moments(4, 2, 58))

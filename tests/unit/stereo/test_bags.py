@@ -33,10 +33,10 @@ def test_stereo_bag_of_every_storage_gives_the_same_pairs(tmp_path, name, plugin
         stereo_bag(tmp_path / name, not plugin, plugin or "sqlite3", compressed=compressed, chunks=chunks)
     )
     frames = list(recording)
-    assert [int(f.left[0, 0]) for f in frames] == [10 * i for i in range(COUNT)]
+    assert [int(f.image[0, 0]) for f in frames] == [10 * i for i in range(COUNT)]
     assert recording.fps == pytest.approx(10.0) and recording.skipped == []
-    assert recording.rig.baseline_m == pytest.approx(0.1) and recording.rig.left.fx == FOCAL
-    assert [(f.index, int(f.right[0, 0])) for f in recording.sample(3)] == [(0, 0), (4, 40), (7, 70)]
+    assert recording.head.rig.baseline_m == pytest.approx(0.1) and recording.head.rig.left.fx == FOCAL
+    assert [(f.index, int(f.images[1][0, 0])) for f in recording.sample(3)] == [(0, 0), (4, 40), (7, 70)]
 
 
 def bag_of_pairs(path: Path, frames: range, *infos: Any) -> Path:
@@ -91,7 +91,7 @@ def test_static_transforms_give_the_baseline_by_the_definition_in_the_bag(tmp_pa
     writer.static_transforms(0.2)
     writer.close()
     recording = open_recording(tmp_path / name)
-    np.testing.assert_allclose(recording.rig.right_SE3_left.translation, [-0.2, 0, 0])
+    np.testing.assert_allclose(recording.head.rig.right_SE3_left.translation, [-0.2, 0, 0])
 
 
 def test_truncated_bag_is_refused_with_the_way_out(tmp_path):
@@ -227,7 +227,7 @@ def test_bag_of_the_realsense_sdk_has_its_baseline_from_the_places_of_its_camera
     cameras = {f"Infrared_{i}": (x_m, "Brown Conrady", picture(0), "mono8") for i, x_m in ((1, 0.0), (2, -0.055))}
     recording = open_recording(sdk_bag(tmp_path / "a.bag", None, **cameras))
     assert len(list(recording)) == COUNT
-    assert recording.rig.baseline_m == pytest.approx(0.055) and recording.rig.left.fx == FOCAL
+    assert recording.head.rig.baseline_m == pytest.approx(0.055) and recording.head.rig.left.fx == FOCAL
 
 
 def test_depth_of_the_realsense_sdk_has_the_unit_and_the_place_that_the_bag_holds(tmp_path):
@@ -235,9 +235,9 @@ def test_depth_of_the_realsense_sdk_has_the_unit_and_the_place_that_the_bag_hold
     streams = {"Depth_0": (0.0, model, deep, "16UC1"), "Color_0": (0.2, model, picture(0), "mono8")}
     recording = open_any(sdk_bag(tmp_path / "a.bag", 1e-4, **streams))
     (frame, *_) = recording
-    assert np.nanmedian(frame.depth_m) == pytest.approx(2.0) and not recording.notes
+    assert np.nanmedian(frame.images[1]) == pytest.approx(2.0) and not recording.notes
     # A point 2 m ahead lies 0.2 m * 30 px / 2 m = 3 px farther to the right in the colour image.
-    assert np.flatnonzero(np.isnan(frame.depth_m[H // 2])).tolist() == [0, 1, 2]
+    assert np.flatnonzero(np.isnan(frame.images[1][H // 2])).tolist() == [0, 1, 2]
 
 
 def test_database_that_is_compressed_is_read_without_metadata(tmp_path):
@@ -350,9 +350,9 @@ def foxglove_file(path: Path, encoding: str = "json") -> Path:
 def test_foxglove_images_and_calibrations_are_a_recording(tmp_path: Path, encoding: str) -> None:
     recording = open_recording(foxglove_file(tmp_path / "a.mcap", encoding))
     frames = list(recording)
-    assert [int(f.right[0, 0]) for f in frames] == [0, 10, 20, 30]
+    assert [int(f.images[1][0, 0]) for f in frames] == [0, 10, 20, 30]
     assert [f.timestamp_s for f in frames] == pytest.approx([0.0, 0.05, 0.1, 0.15])
-    assert recording.rig.baseline_m == pytest.approx(0.1) and recording.rig.left.fx == 30.0
+    assert recording.head.rig.baseline_m == pytest.approx(0.1) and recording.head.rig.left.fx == 30.0
 
 
 class Sent(Listed):

@@ -30,9 +30,9 @@ def test_folder_recording_yields_pairs_in_order_each_time(tmp_path, colour):
     recording = open_recording(folder_recording(tmp_path / "r", colour=colour))
     for _ in range(2):
         frames = list(recording)
-        values = [int(f.left[0, 0, 0] if colour else f.left[0, 0]) for f in frames]
+        values = [int(f.image[0, 0, 0] if colour else f.image[0, 0]) for f in frames]
         assert [f.index for f in frames] == list(range(6)) and values == [0, 10, 20, 30, 40, 50]
-    assert frames[0].left.shape == ((H, W, 3) if colour else (H, W))
+    assert frames[0].image.shape == ((H, W, 3) if colour else (H, W))
     assert recording.n_frames == 6 and recording.skipped == []
 
 
@@ -89,7 +89,7 @@ def test_even_sequence_leaves_uneven_numbers_alone() -> None:
 def test_videos_are_read_and_grey_detected_and_the_shorter_trims_the_pair(tmp_path, right):
     recording = open_recording(video_pair(tmp_path, (8, right)))
     frames = list(recording)
-    assert [f.index for f in frames] == list(range(right)) and frames[0].left.ndim == 2
+    assert [f.index for f in frames] == list(range(right)) and frames[0].image.ndim == 2
     assert recording.fps == pytest.approx(10.0) and frames[4].timestamp_s == pytest.approx(0.4)
     assert recording.n_frames == 8 and [s.index for s in recording.skipped] == list(range(right, 8))
 
@@ -114,7 +114,7 @@ def test_sample_spreads_frames_leaves_skipped_alone_and_seeks_in_videos(tmp_path
     assert [f.index for f in recording.sample(3)] == [0, 2, 5]
     assert [f.index for f in recording.sample(100)] == list(range(6)) and recording.skipped == []
     frames = open_recording(video_pair(tmp_path, (12, 12))).sample(4)
-    assert [(f.index, round(int(f.left[4, 4]) / 20)) for f in frames] == [(i, i) for i in (0, 4, 7, 11)]
+    assert [(f.index, round(int(f.image[4, 4]) / 20)) for f in frames] == [(i, i) for i in (0, 4, 7, 11)]
 
 
 def test_path_that_is_absent_is_refused(tmp_path: Path) -> None:
@@ -126,7 +126,7 @@ def test_world_file_gives_the_pose(tmp_path: Path) -> None:
     folder = folder_recording(tmp_path / "r")
     rotation = "rotation = [[1,0,0],[0,-1,0],[0,0,-1]]"
     (folder / "world.toml").write_text(f"[world_SE3_left]\n{rotation}\ntranslation_m = [0,0,2.5]\n")
-    pose = open_recording(folder).world_SE3_left
+    pose = open_recording(folder).head.world_SE3_left
     assert pose is not None and pose.translation[2] == 2.5
 
 
@@ -134,7 +134,7 @@ def test_single_camera_folder_is_a_video(tmp_path: Path) -> None:
     folder = folder_recording(tmp_path / "r") / "left"
     (folder / "0001.png").write_bytes(b"")
     video = open_video(folder)
-    assert [f.index for f in video] == [0, 2, 3, 4, 5] and video.size == (W, H) and len(video.skipped) == 1
+    assert [f.index for f in video] == [0, 2, 3, 4, 5] and video.head.size == (W, H) and len(video.skipped) == 1
 
 
 def test_prefetch_passes_errors_on_stops_its_thread_and_closes_its_source() -> None:
@@ -197,7 +197,7 @@ def test_videos_are_paired_by_time_where_one_lost_frames(tmp_path: Path) -> None
     recording = open_recording(tmp_path)
     frames = list(recording)
     assert [frame.timestamp_s for frame in frames] == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.7, 0.8, 0.9])
-    assert all(abs(frame.left.mean() - frame.right.mean()) < 3.0 for frame in frames)
+    assert all(abs(frame.image.mean() - frame.images[1].mean()) < 3.0 for frame in frames)
     assert [skipped.index for skipped in recording.skipped] == [4, 5, 6]
     assert any("3 of 10 frames without a mate" in note for note in recording.notes)
     assert [frame.index for frame in recording.at([3, 5, 8])] == [3, 8]
@@ -253,7 +253,7 @@ def test_stream_with_both_views_gives_pairs_until_it_ends_and_samples_a_quarter_
     assert isinstance(recording, LiveRecording) and recording.n_frames == 0
     frames = list(recording)
     assert [f.index for f in frames] == list(range(COUNT))
-    assert frames[0].left.shape == (48, 64) and recording.skipped == []
+    assert frames[0].image.shape == (48, 64) and recording.skipped == []
     assert frames[5].timestamp_s == pytest.approx(0.5, abs=0.01)
     again = open_recording(Path(f"{address}/both.avi"), options)
     assert [f.index for f in again.sample(3)] == [0, 3, 6]
@@ -306,4 +306,4 @@ def test_head_without_times_is_refused_and_a_rate_is_that_of_all(tmp_path: Path)
     save_rigs([RigEntry(name, pose) for name in ("a", "b")], tmp_path / "rigs.toml")
     with pytest.raises(InputError, match=r"/b: the frames have no times, and there is no timestamps.csv; use fps="):
         open_rigs(tmp_path)
-    assert [rig.recording.fps for rig in open_rigs(tmp_path, 10.0).rigs] == [10.0, 10.0]
+    assert [part.fps for part in open_rigs(tmp_path, 10.0).parts] == [10.0, 10.0]

@@ -12,8 +12,8 @@ from calib.camera import Camera
 from calib.images import as_grey
 from calib.pose import SE3
 from calib.rig import StereoRig
-from stereo.readers.open import MultiRigRecording, RigRecording
-from stereo.recording import Skipped, StereoFrame, StereoRecording
+from stereo.readers.open import SeveralHeads
+from stereo.recording import Frame, Shot, Skipped
 from stereo.rectify import Rectifier, RectifyParams, aligned_rectifier, fold_radius, ideal_pinhole, source_pixels
 from stereo.rig_correction import match_corners
 
@@ -25,7 +25,7 @@ RATIONAL = (-9.2, 65.3, -5e-05, 0.0005, -87.7, -9.29, 65.5, -87.8)
 def test_rectifying_an_ideal_pair_changes_neither_its_images_nor_its_geometry():
     rectifier, (left, right) = Rectifier(toy_rig()), ToyWorld().pair(toy_rig())
     pair, geometry = rectifier(left, right), rectifier.geometry
-    np.testing.assert_array_equal(pair.left, left)
+    np.testing.assert_array_equal(pair.image, left)
     np.testing.assert_array_equal(pair.right_grey, right)
     assert geometry.size == (320, 240) and geometry.focal_u_px == pytest.approx(230.0)
     assert (geometry.cu_px, geometry.cv_px, geometry.baseline_m) == pytest.approx((159.5, 119.5, 0.12))
@@ -55,12 +55,12 @@ def test_large_images_are_reduced_to_the_working_size_unless_the_full_size_is_as
     rectifier = Rectifier(rig)
     assert rectifier.geometry.size == (640, 480) and rectifier.geometry.focal_u_px == pytest.approx(460.0)
     checker = np.kron(np.indices((480, 640)).sum(axis=0) % 2, np.ones((2, 2))).astype(np.uint8) * 255
-    np.testing.assert_array_equal(rectifier(checker, checker).left, checker[::2, ::2])
+    np.testing.assert_array_equal(rectifier(checker, checker).image, checker[::2, ::2])
 
 
 def test_odd_sizes_are_reduced_without_a_shift() -> None:
     ramp = np.tile(np.arange(1281) / 6.0, (801, 1)).astype(np.uint8)
-    row = Rectifier(toy_rig((1281, 801), focal_px=900.0))(ramp, ramp).left[200].astype(float)
+    row = Rectifier(toy_rig((1281, 801), focal_px=900.0))(ramp, ramp).image[200].astype(float)
     expected = ((np.arange(640) + 0.5) * 1281 / 640 - 0.5) / 6.0
     assert np.abs(row - expected)[5:-5].mean() < 0.7
 
@@ -96,7 +96,7 @@ def test_source_pixels_lead_back_to_the_recorded_pixel() -> None:
 def test_aligned_rectifier_takes_out_a_turn_the_calibration_missed(turn_deg: tuple[float, float, float]) -> None:
     true, claimed = toy_rig(rotation_deg=turn_deg), toy_rig()
     world = ToyWorld()
-    frames = [StereoFrame(i, i / 15, *world.pair(true, walking(i), i)) for i in (0, 20)]
+    frames = [Frame(i, i / 15, (world.pair(true, walking(i), i),)) for i in (0, 20)]
     rectifier, found = aligned_rectifier(claimed, frames)
     left = (rectifier.rig.right_SE3_left @ true.right_SE3_left.inverse()).rotvec
     assert np.degrees(np.abs(left)).max() < 0.03 and found.after_px < 0.1 < found.before_px
@@ -106,7 +106,7 @@ def test_rectifier_takes_colour_on_the_left_and_refuses_other_sizes():
     image = np.zeros((240, 320, 3), np.uint8)
     image[..., 2] = 200
     pair = Rectifier(toy_rig())(image, image)
-    assert pair.left.shape == (240, 320, 3)
+    assert pair.image.shape == (240, 320, 3)
     assert pair.left_grey[100, 100] == pair.right_grey[100, 100] == as_grey(image)[0, 0]
     with pytest.raises(ValueError, match=r"\(240, 320\)"):
         Rectifier(toy_rig())(np.zeros((240, 321), np.uint8), np.zeros((240, 321), np.uint8))
@@ -116,10 +116,10 @@ def test_a_reduced_pair_has_the_greys_of_the_whole_pair_and_means_of_its_image()
     rig = toy_rig(rotation_deg=TURN, distortion=BROWN)
     rectifier, images = Rectifier(rig), ToyWorld().pair(rig)
     whole, reduced = rectifier(*images), rectifier.reduced(*images, 2)
-    np.testing.assert_array_equal(reduced.left(), whole.left)
+    np.testing.assert_array_equal(reduced.picture(), whole.image)
     np.testing.assert_array_equal(reduced.left_grey, whole.left_grey)
     np.testing.assert_array_equal(reduced.right_grey, whole.right_grey)
-    means = whole.left.reshape(120, 2, 160, 2).mean(axis=(1, 3))
+    means = whole.image.reshape(120, 2, 160, 2).mean(axis=(1, 3))
     assert reduced.image.shape == means.shape
     inside = rectifier.mask[::2, ::2] > 0
     assert abs((reduced.image - means)[inside].mean()) < 0.5
@@ -128,25 +128,22 @@ def test_a_reduced_pair_has_the_greys_of_the_whole_pair_and_means_of_its_image()
     assert off[0] < 0.5 * min(off[1:])
 
 
-BLACK = np.zeros((2, 2), dtype=np.uint8)
-
-
 class Times:
     """A recording of which only the times matter."""
 
     def __init__(self, times_s: list[float], fps: float = 10.0) -> None:
         self.times_s, self.fps, self.n_frames = times_s, fps, len(times_s)
         self.skipped: list[Skipped] = []
+        self.name = ""
 
-    def __iter__(self) -> Iterator[StereoFrame]:
-        return (StereoFrame(i, t, BLACK, BLACK) for i, t in enumerate(self.times_s))
+    def __iter__(self) -> Iterator[Frame[Shot]]:
+        return (Frame(i, t, ((np.full((2, 2), i, np.uint8),),)) for i, t in enumerate(self.times_s))
 
 
 def moments(*heads: tuple[Times, float]) -> list[tuple[float, list[int | None]]]:
     """Time of every moment, and the frame index of each head."""
-    together = [RigRecording(f"{i}", cast(Any, times), start) for i, (times, start) in enumerate(heads)]
-    recording = MultiRigRecording(Path("r"), together)
-    return [(round(m.timestamp_s, 4), [f.index if f else None for f in m.frames]) for m in recording]
+    recording = SeveralHeads(Path("r"), cast(Any, [times for times, _ in heads]), [start for _, start in heads])
+    return [(round(m.timestamp_s, 4), [int(s[0][0, 0]) if s else None for s in m.shots]) for m in recording]
 
 
 JITTER = 0.004 * np.array([0, 1, -1, 1, 0, -1])
@@ -175,6 +172,7 @@ def test_times_are_means_that_begin_with_the_earliest_head() -> None:
 def test_skipped_frames_name_their_head() -> None:
     times = Times([0.0])
     times.skipped.append(Skipped(4, "left: file is missing"))
-    recording = MultiRigRecording(Path("r"), [RigRecording("north", cast(StereoRecording, cast(Any, times)), 0.0)])
+    times.name = "north"
+    recording = SeveralHeads(Path("r"), cast(Any, [times]), [0.0])
     assert [(s.index, s.why) for s in recording.skipped] == [(4, "north: left: file is missing")]
     assert recording.fps == pytest.approx(10.0)

@@ -16,7 +16,7 @@ from calib.types import AnyArray
 from stereo.depth import metres
 from stereo.readers import open_any
 from stereo.readers.pairing import nearest_mates
-from stereo.recording import RgbdFrame, RgbdRecording
+from stereo.recording import DepthCamera, Recording
 from stereo.rgbd import DepthRegistration, RgbdRectifier, register_depth
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 31.5, 23.5)
@@ -35,16 +35,15 @@ def test_equivalent_disparity_gives_the_depth_back() -> None:
     depth = np.full((48, 64), 3.0, np.float32)
     depth[0, 0] = np.nan
     rectifier = RgbdRectifier(CAMERA, "structured-light")
-    rectified = rectifier(RgbdFrame(0, 0.0, np.zeros((48, 64, 3), np.uint8), depth))
+    _, rectified = rectifier(np.zeros((48, 64, 3), np.uint8), depth)
     back = rectifier.geometry.depth(rectifier.disparity(rectified))
     np.testing.assert_allclose(back[10:, 10:], 3.0, rtol=1e-6)
     assert np.isnan(back[0, 0])
 
 
 def test_rectifier_refuses_depth_of_another_size() -> None:
-    frame = RgbdFrame(0, 0.0, np.zeros((48, 64), np.uint8), np.ones((24, 32), np.float32))
     with pytest.raises(ValueError, match="expected image and depth of"):
-        RgbdRectifier(CAMERA, "stereo")(frame)
+        RgbdRectifier(CAMERA, "stereo")(np.zeros((48, 64), np.uint8), np.ones((24, 32), np.float32))
 
 
 @pytest.mark.parametrize("farther_px", [[], [38]], ids=["alone", "before a farther surface"])
@@ -107,24 +106,24 @@ def _folders(
     return path
 
 
-def _open(path: Path) -> RgbdRecording:
+def _open(path: Path) -> Recording[DepthCamera]:
     recording = open_any(path)
-    assert isinstance(recording, RgbdRecording)
+    assert isinstance(recording.head, DepthCamera)
     return recording
 
 
 @pytest.mark.parametrize("names", [("rgb", "depth"), ("color", "depth"), ("Color", "aligned_depth_to_color")])
 def test_folders_hold_millimetres_unless_a_file_gives_another_unit(tmp_path: Path, names: tuple[str, str]) -> None:
     (frame, *_), recording = list(rec := _open(_folders(tmp_path, COLOUR, names))), rec
-    assert (recording.n_frames, recording.camera.fx, recording.sensor) == (3, 60.0, "structured-light")
+    assert (recording.n_frames, recording.head.camera.fx, recording.head.sensor) == (3, 60.0, "structured-light")
     assert frame.image.shape == (48, 64, 3)
-    np.testing.assert_allclose(frame.depth_m, 2.5)
+    np.testing.assert_allclose(frame.images[1], 2.5)
 
 
 @pytest.mark.parametrize("scale", [5000.0, 0.0002])
 def test_depth_scale_counts_units_of_a_metre_or_metres_of_a_unit(tmp_path: Path, scale: float) -> None:
     frame = next(iter(_open(_folders(tmp_path, COLOUR | {"depth_scale": scale}))))
-    np.testing.assert_allclose(frame.depth_m, 0.5)
+    np.testing.assert_allclose(frame.images[1], 0.5)
 
 
 @pytest.mark.parametrize(
@@ -135,14 +134,14 @@ def test_depth_scale_counts_units_of_a_metre_or_metres_of_a_unit(tmp_path: Path,
 def test_depth_in_its_own_frame_is_moved_by_the_pose(tmp_path: Path, key: str, shift: dict[str, list[float]]) -> None:
     content = {"rgb": COLOUR, "depth": COLOUR, key: {"R": np.eye(3).tolist(), **shift}}
     frame = next(iter(_open(_folders(tmp_path, content))))
-    np.testing.assert_allclose(frame.depth_m[24, 32], 3.0)
+    np.testing.assert_allclose(frame.images[1][24, 32], 3.0)
 
 
 def test_open3d_intrinsics_are_stored_by_columns_and_name_the_sensor(tmp_path: Path) -> None:
     matrix = [60.0, 0, 0, 0, 61.0, 0, 31.5, 23.5, 1.0]
     content = {"width": 64, "height": 48, "intrinsic_matrix": matrix, "depth_mode": "NFOV_UNBINNED"}
     recording = _open(_folders(tmp_path, content))
-    assert (recording.camera.fy, recording.camera.cx, recording.sensor) == (61.0, 31.5, "time-of-flight")
+    assert (recording.head.camera.fy, recording.head.camera.cx, recording.head.sensor) == (61.0, 31.5, "time-of-flight")
 
 
 def test_images_and_depth_in_one_folder_are_distinguished_by_name(tmp_path: Path) -> None:
@@ -163,7 +162,7 @@ def test_times_in_names_pair_images_with_depth(tmp_path: Path) -> None:
 
 def test_depth_of_another_resolution_counts_as_registered(tmp_path: Path) -> None:
     recording = _open(_folders(tmp_path, COLOUR, depth=deep(2000, (24, 32))))
-    assert np.isfinite(next(iter(recording)).depth_m[2:-2, 2:-2]).all()
+    assert np.isfinite(next(iter(recording)).images[1][2:-2, 2:-2]).all()
     assert any("counts as registered" in note for note in recording.notes)
 
 
@@ -188,7 +187,7 @@ def test_calibration_of_a_pair_or_another_aspect_is_refused_for_images_with_dept
 def test_calibration_of_twice_the_resolution_is_scaled(tmp_path: Path) -> None:
     large = {"fx": 120.0, "fy": 120.0, "cx": 63.5, "cy": 47.5, "width": 128, "height": 96}
     recording = _open(_folders(tmp_path, large))
-    assert recording.camera.fx == 60.0 and "scaled from 128x96" in recording.source
+    assert recording.head.camera.fx == 60.0 and "scaled from 128x96" in recording.head.source
 
 
 def test_lost_depth_image_is_skipped_with_a_reason(tmp_path: Path) -> None:
@@ -211,7 +210,7 @@ def test_tum_images_take_the_depth_of_their_time(tmp_path: Path) -> None:
     recording = _open(_tum(tmp_path, ("10.01", "10.15", "10.21")))
     frames = list(recording)
     assert [(frame.index, round(frame.timestamp_s, 6)) for frame in frames] == [(0, 0.0), (2, 0.2)]
-    np.testing.assert_allclose(frames[0].depth_m[24, 32], 2.0)
+    np.testing.assert_allclose(frames[0].images[1][24, 32], 2.0)
     assert len(recording.skipped) == 1 and any("nominal Kinect camera" in note for note in recording.notes)
 
 

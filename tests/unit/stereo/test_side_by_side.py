@@ -53,8 +53,8 @@ def test_swapped_video_is_exchanged_with_a_note(tmp_path: Path) -> None:
     save_rig(toy_rig((W, H)), tmp_path / "rig.toml")
     recording = open_recording(tmp_path)
     frame = next(iter(recording))
-    assert frame.left.shape == (H, W)
-    assert np.abs(frame.left.astype(int) - LEFT).mean() < 10 < np.abs(frame.right.astype(int) - LEFT).mean()
+    assert frame.image.shape == (H, W)
+    assert np.abs(frame.image.astype(int) - LEFT).mean() < 10 < np.abs(frame.images[1].astype(int) - LEFT).mean()
     assert "left and right are exchanged" in recording.notes[0]
 
 

@@ -32,7 +32,7 @@ def test_each_camera_has_its_own_file_of_times(tmp_path, name):
     recording = open_recording(folder)
     assert recording.fps == pytest.approx(15, rel=0.01)
     # Frame 6 of the left camera has the right one's sixth image; frame 5 has none.
-    assert {f.index: (f.left[0, 0], f.right[0, 0]) for f in recording}[6] == (60, 50)
+    assert {f.index: (f.image[0, 0], f.images[1][0, 0]) for f in recording}[6] == (60, 50)
     assert [s.index for s in recording.skipped] == [5, 11]
 
 

@@ -71,7 +71,7 @@ def test_photographs_with_both_views_are_a_recording(tmp_path: Path) -> None:
     write_images(tmp_path, "0.png", "1.png", "2.png", image=np.hstack([textured(0), textured(12)]))
     save_rig(toy_rig((320, 240)), tmp_path / "rig.toml")
     frames = list(open_recording(tmp_path))
-    assert len(frames) == 3 and frames[0].left.shape == (240, 320)
+    assert len(frames) == 3 and frames[0].image.shape == (240, 320)
 
 
 def test_sockets_are_named_in_every_way() -> None:

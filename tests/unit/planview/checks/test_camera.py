@@ -11,11 +11,12 @@ from toy_recordings import write_frames
 
 from calib.ground_camera import GroundCamera, save_ground_camera
 from calib.types import F32, U8
-from planview.checks.camera import THUMBNAIL, Steadiness, Steady
 from planview.checks.examine import examine
 from planview.checks.registration import registration_checks
+from planview.checks.scene import steadiness_checks
+from planview.foreground.steadiness import THUMBNAIL, Steadiness, Steady
 from stereo.readers import OpenOptions
-from stereo.recording import RgbdFrame
+from stereo.recording import Frame, Shot
 
 
 def scene(seed: int) -> U8:
@@ -47,7 +48,7 @@ def test_cut_is_reported_a_second_after_its_break() -> None:
     watch = Steadiness()
     found = [watch.update(i, 0.1 * i, window(SCENE if i < 4 else OTHER)) for i in range(18)]
     assert found[4:15] == [Steady.BREAK] * 10 + [Steady.CUT]
-    assert set(found[:4] + found[15:]) == {Steady.STILL} and "first at frame 4" in watch.checks()[1].note
+    assert set(found[:4] + found[15:]) == {Steady.STILL} and "first at frame 4" in steadiness_checks(watch)[1].note
 
 
 @pytest.mark.parametrize("frames", [9, 1], ids=["a person close before the camera", "one damaged frame"])
@@ -112,7 +113,7 @@ def test_of_one_camera_is_checked_what_one_camera_shows(tmp_path):
 W, H = 320, 240
 
 
-def frame(index: int) -> RgbdFrame:
+def frame(index: int) -> Frame[Shot]:
     """A room of boxes, and somebody who walks there and back."""
     rng = np.random.default_rng(1)
     image, depth = np.full((H, W), 90, np.uint8), np.full((H, W), 5.0, np.float32)
@@ -122,7 +123,7 @@ def frame(index: int) -> RgbdFrame:
     for x, y, width, height, level, z in (*boxes, walker):
         image[y : y + height, x : x + width], depth[y : y + height, x : x + width] = level, z
     noise = np.random.default_rng(index).normal(0, 3, (H, W))
-    return RgbdFrame(index, index / 15, np.clip(image + noise, 0, 255).astype(np.uint8), depth)
+    return Frame(index, index / 15, ((np.clip(image + noise, 0, 255).astype(np.uint8), depth),))
 
 
 FRAMES = [frame(index) for index in range(60)]
@@ -131,7 +132,8 @@ FRAMES = [frame(index) for index in range(60)]
 def failing(change: Callable[[F32], F32] = lambda depth: depth, late: int = 0) -> dict[str, str]:
     """Name and note of the checks that fail when depth is changed, or late by some frames."""
     pairs = zip(FRAMES[late:], FRAMES[: len(FRAMES) - late], strict=True)
-    frames = [replace(now, depth_m=np.ascontiguousarray(change(then.depth_m))) for now, then in pairs]
+    shots = [(now, (now.image, np.ascontiguousarray(change(then.images[1])))) for now, then in pairs]
+    frames = [replace(now, shots=(shot,)) for now, shot in shots]
     return {check.name: check.note for check in registration_checks(frames[::5], frames) if not check.ok}
 
 
@@ -168,5 +170,5 @@ def test_depth_that_is_late_is_named_with_its_delay(late: int) -> None:
 
 
 def test_images_without_edges_are_not_judged() -> None:
-    flat = [replace(one, image=np.full((H, W), 90, np.uint8)) for one in FRAMES]
+    flat = [replace(one, shots=((np.full((H, W), 90, np.uint8), one.images[1]),)) for one in FRAMES]
     assert all(check.ok for check in registration_checks(flat[::5], flat))

@@ -69,7 +69,7 @@ def test_synth_writes_a_recording_that_our_reader_takes_and_its_calibration_for_
     printed = json_of("synth", scene, out, "--frames", 3, "--world", "--opencv")
     assert printed == {"frames": 3, "truth_rows": 3, "folder": str(out)}
     recording = open_recording(out)
-    assert [f.left.shape for f in recording] == [(72, 96, 3)] * 3
+    assert [f.image.shape for f in recording] == [(72, 96, 3)] * 3
     assert [f.timestamp_s for f in recording] == pytest.approx([0, 0.1, 0.2])
     assert load_world(out / "world.toml").height_m == pytest.approx(2.4)
     assert read_truth(out / "truth.csv").frame.tolist() == [0, 1, 2]

@@ -14,9 +14,9 @@ from calib.params import described, tables_of
 from calib.pose import SE3
 from calib.types import F32
 from planview.engine.config import Config, FeedbackParams, load_config
+from planview.engine.head import Feedback
 from planview.engine.info import camera_info
-from planview.engine.setup import refuse_foreign_disparity, set_up
-from planview.engine.stereo import Feedback
+from planview.engine.setup import set_up
 from planview.foreground.params import BACKGROUND, NO_FEEDBACK, PERSON
 from planview.maps.plan_view import FloorPoints
 from planview.maps.view import NO_RAYS, View
@@ -24,7 +24,8 @@ from planview.tracking.base import BODY_RADIUS_M, NO_BOX, Decision, person_boxes
 from planview.trajectories.state import State, TrackState
 from stereo.depth import RectifiedGeometry
 from stereo.matcher import DisparityRange
-from stereo.recording import RgbdRecording
+from stereo.measure import refuse_foreign_disparity
+from stereo.recording import DepthCamera, Recording
 
 
 def test_a_file_and_overrides_which_beat_it_change_what_they_name_and_nothing_else(tmp_path: Path) -> None:
@@ -133,10 +134,8 @@ def test_view_reaches_far_in_its_directions_and_straight_down_is_the_image_on_th
 
 def test_a_floor_that_the_camera_does_not_see_is_refused_by_name() -> None:
     upwards, clock = SE3(np.eye(3), np.array([0.0, 0.0, 3.0])), cast(Any, None)
-    decode, register = cast(Any, None), np.asarray
-    hall = RgbdRecording(
-        Path("hall"), decode, 1, clock, [], CAMERA, "calib.json", "structured-light", register, upwards
-    )
+    head = DepthCamera(CAMERA, "calib.json", "structured-light", np.asarray, upwards)
+    hall = Recording(Path("hall"), cast(Any, None), 1, clock, [], head)
     with pytest.raises(InputError, match=r"hall \(floor: world.toml\): expected a camera that sees"):
         set_up(hall, Config())
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from planview.engine.config import SingleCameraParams
-from planview.engine.one_camera import ImageForeground
+from planview.engine.head import CameraHead, StageClock
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import BACKGROUND, PERSON, ForegroundParams
-from stereo.recording import VideoFrame
+from stereo.recording import Frame
 
 SHAPE = (24, 32)
 BLOB = np.s_[6:18, 10:22]
@@ -310,7 +310,7 @@ def test_one_camera_that_moves_or_is_covered_shows_nothing_and_keeps_its_backgro
     wall = np.kron(rng.integers(40, 216, (40, 60)), np.ones((block_px, block_px))).astype(np.uint8)
     views = [wall[:120, :160]] * 40 + [np.roll(wall, shift, 1)[:120, :160] for shift in shifts_px]
     views += [np.zeros((120, 160), np.uint8)] * 10 + [wall[:120, :160]] * 20
-    camera = ImageForeground(SingleCameraParams(), (160, 120))
-    seen = [camera.view(VideoFrame(k, k / 10, view.copy())) for k, view in enumerate(views)]
+    camera, clock = CameraHead(SingleCameraParams(), (160, 120)), StageClock()
+    seen = [camera.look(view.copy(), Frame(k, k / 10, ((view,),)), clock) for k, view in enumerate(views)]
     assert not any(v.shows for v in seen[40:55]) and all(v.shows for v in [*seen[:40], *seen[-20:]])
     assert not seen[-20].foreground.any()

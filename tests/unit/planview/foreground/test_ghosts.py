@@ -5,11 +5,12 @@ import pytest
 
 from calib.types import U8
 from planview.engine.config import SingleCameraParams
-from planview.engine.one_camera import ImageForeground
+from planview.engine.head import CameraHead, StageClock
 from planview.foreground.ghosts import find_blobs, find_ghosts, find_still, find_uncovered
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
-from stereo.recording import VideoFrame
+from planview.tracking.ellipse_particle import EllipseParticleTracker
+from stereo.recording import Frame
 
 GHOST_SHAPE = (60, 80)
 BODY, BESIDE, WALKER = (slice(20, 45), slice(30, 40)), (slice(20, 45), slice(55, 65)), (slice(20, 45), slice(40, 50))
@@ -67,12 +68,17 @@ def test_background_luma_is_the_luma_of_the_first_images():
 
 
 def test_person_there_at_the_start_leaves_no_ghost_even_if_a_tracker_protects_it():
-    camera = ImageForeground(SingleCameraParams(), GHOST_SHAPE[::-1])
+    tracker = EllipseParticleTracker()
+    camera, clock = CameraHead(SingleCameraParams(), GHOST_SHAPE[::-1], tracker), StageClock()
     protected = np.ones(GHOST_SHAPE, np.uint8)  # PERSON everywhere: nothing would be learned
+    tracker.feedback = lambda: protected  # type: ignore[method-assign]
     masks = []
     for k in range(60):
         image = np.repeat(scene(BODY)[:, :, None] if k < 5 else scene()[:, :, None], 3, axis=2)
-        masks.append(camera.view(VideoFrame(k, k / 10, image), protected if k >= 5 else None).foreground)
+        view = camera.look(image, Frame(k, k / 10, ((image,),)), clock)
+        masks.append(view.foreground)
+        if k >= 4:
+            camera.protect((), view, ())
     assert not any(mask[BODY].any() for mask in masks)
 
 

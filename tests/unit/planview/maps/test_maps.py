@@ -20,10 +20,10 @@ from planview.engine.open import open_engine
 from planview.foreground.gain import Exposure
 from planview.maps.grid import Grid, MapParams
 from planview.maps.plan_view import FloorPoints, PlanViewMaps, accumulate, joint_grid, plan_view
-from planview.maps.recording import MapsFrame, MapsRecording, MapsWriter
+from planview.maps.recording import MapsRecording, MapsWriter, RecordedPoints
 from planview.maps.view import CODES, MapBuilder, back_project, colour_codes, encode_colours, smoothing
 from stereo.depth import RectifiedGeometry
-from stereo.recording import Skipped
+from stereo.recording import Frame, Skipped
 from tests.reference import maps as reference
 
 GEOMETRY = RectifiedGeometry(64, 48, 50.0, 50.0, 31.5, 23.5, 0.1)
@@ -159,16 +159,17 @@ def test_frames_are_read_as_they_were_written(maps: Path) -> None:
     first, second, *_ = frames = list(recording)
     assert [f.index for f in frames][5:9] == [5, 6, 8, 9] and recording.n_frames == track(maps) == 39
     assert recording.skipped == [Skipped(7, "left: file is missing")] and recording.fps == 15.0
-    assert len(first.unmatched) >= 9 and len(first.pixels) == len(first.disparities)
-    assert first.background is not None and second.background is None
+    points = first.shots[0]
+    assert len(points.unmatched) >= 9 and len(points.pixels) == len(points.disparities)
+    assert points.background is not None and second.shots[0].background is None
 
 
 def test_a_frame_that_shows_nothing_is_replayed_as_one(maps: Path, tmp_path: Path) -> None:
     recording, path = MapsRecording(maps), tmp_path / "with.h5"
-    frame, every = next(iter(recording)), np.arange(np.prod(recording.view.shape), dtype=np.int32)
-    writer = MapsWriter(path, recording.view, recording.config, 15.0)
+    frame, every = next(iter(recording)), np.arange(np.prod(recording.head.rig.shape), dtype=np.int32)
+    writer = MapsWriter(path, recording.head, 15.0)
     writer.add(frame)
-    writer.add(MapsFrame(1, 0.1, every[:0], np.zeros(0, np.float32), None, every))
+    writer.add(Frame(1, 0.1, (RecordedPoints(every[:0], np.zeros(0, np.float32), None, every),)))
     writer.close()
     before, nothing = open_engine(path)
     assert before.views[0].shows and not nothing.views[0].shows

@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as hnp
 
 from calib.ground_camera import GroundCamera
 from planview.engine.config import SingleCameraParams
-from planview.engine.one_camera import ImageForeground
+from planview.engine.head import CameraHead, StageClock
 from planview.foreground.params import NO_FEEDBACK, WALKER
 from planview.maps.view import View
 from planview.tracking.base import Observation
@@ -23,7 +23,7 @@ from planview.tracking.ellipse_particle.tracker import (
     ParticleFilterParams,
 )
 from planview.trajectories.state import TrackState
-from stereo.recording import VideoFrame
+from stereo.recording import Frame
 
 SHAPE = (120, 160)
 GIVEN = EllipseParticleParams(size=EllipseSizeParams(person_height_px=30), filter=ParticleFilterParams(particles=300))
@@ -106,13 +106,14 @@ def test_camera_gives_floor_positions_and_heights():
 def test_walker_is_found_in_images_and_not_absorbed_by_the_background(frames, stops_at):
     scene = np.random.default_rng(0).integers(60, 160, (*SHAPE, 3), dtype=np.uint8)
     tracker = EllipseParticleTracker(GIVEN)
-    source = ImageForeground(SingleCameraParams(), SHAPE[::-1], tracker.foreground_columns)
+    source = CameraHead(SingleCameraParams(), SHAPE[::-1], tracker)
     for i in range(frames):
         image = scene.copy()
         if i >= 20:
             image[foreground((min(20 + 2.5 * (i - 20), stops_at), 60)) > 0] = (20, 20, 230)
-        view = source.view(VideoFrame(i, i / 10, image), tracker.feedback())
+        view = source.look(image, Frame(i, i / 10, ((image,),)), StageClock())
         states = tracker.update(Observation(i, i / 10, (view,)))
+        source.protect(states, view, tracker.decisions)
     assert [s.state for s in states] == ["confirmed"]
     assert states[0].box_px[0] + 6 == pytest.approx(min(117.5, stops_at), abs=4)
 
