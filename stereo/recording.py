@@ -109,6 +109,13 @@ class Decoded:
     why: str = ""
 
 
+def unusable_time(now_s: float, before_s: float) -> str:
+    """Why a frame cannot have the time ``now_s`` after one at ``before_s`` [s]; empty where it can."""
+    if not math.isfinite(now_s):
+        return f"its time is {now_s}"
+    return "" if now_s > before_s else f"its time, {now_s:.9g} s, is not after {before_s:.9g} s of the frame before"
+
+
 class FrameClock(NamedTuple):
     """When the frames of a recording were taken.
 
@@ -229,7 +236,8 @@ RecordedBy = Pair | DepthCamera | OneCamera
 class Recording(Generic[H]):
     """Frames that one head recorded; each iteration starts at the first frame.
 
-    A frame of which an image is missing is passed over and noted in ``skipped``; indices and times keep the gap.
+    A frame of which an image is missing, or whose time is not after that of the frame before, is passed over and noted
+    in ``skipped``; indices and times keep the gap.
 
     Attributes:
         path: the folder or file it came from.
@@ -275,9 +283,8 @@ class Recording(Generic[H]):
         self.skipped = skipped = []
         last = -1
         with closing(self.decode(None)) as decoded:
-            for parts in decoded:
-                last = parts[0].index
-                frame = self._frame(parts)
+            for index, frame in self._frames(decoded):
+                last = index
                 if isinstance(frame, Skipped):
                     skipped.append(frame)
                 else:
@@ -294,16 +301,22 @@ class Recording(Generic[H]):
     def at(self, indices: Sequence[int]) -> list[Frame[Shot]]:
         """The usable ones of these frames, whose indices ascend; ``skipped`` is not touched."""
         with closing(self.decode(indices)) as decoded:
-            frames = [self._frame(parts) for parts in decoded]
-        return [frame for frame in frames if not isinstance(frame, Skipped)]
+            return [frame for _, frame in self._frames(decoded) if not isinstance(frame, Skipped)]
 
-    def _frame(self, parts: tuple[Decoded, ...]) -> Frame[Shot] | Skipped:
-        first, head = parts[0], cast(RecordedBy, self.head)
-        images = [part.image for part in parts if part.image is not None]
-        if len(images) == len(parts):
-            return Frame(first.index, self.clock.time(first), (head.shot(*images),))
-        reasons = zip(head.sides, parts, strict=True)
-        return Skipped(first.index, "; ".join(side + part.why for side, part in reasons if part.why))
+    def _frames(self, decoded: Iterable[tuple[Decoded, ...]]) -> Iterator[tuple[int, Frame[Shot] | Skipped]]:
+        """Indices and frames in order; a time that is unusable does not count for the frames after it."""
+        head, before_s = cast(RecordedBy, self.head), -math.inf
+        for parts in decoded:
+            index, now_s = parts[0].index, self.clock.time(parts[0])
+            images = [part.image for part in parts if part.image is not None]
+            if len(images) < len(parts):
+                reasons = zip(head.sides, parts, strict=True)
+                yield index, Skipped(index, "; ".join(side + part.why for side, part in reasons if part.why))
+            elif not math.isnan(self.fps) and (why := unusable_time(now_s, before_s)):
+                yield index, Skipped(index, why)
+            else:
+                before_s = now_s
+                yield index, Frame(index, now_s, (head.shot(*images),))
 
 
 def refuse_untimed(recording: Any) -> None:
@@ -321,7 +334,7 @@ class LiveRecording(Recording[Pair]):
         """Up to ``count`` usable frames from now on, 0.25 s apart (12 for the floor take 3 s)."""
         frames: list[Frame[Shot]] = []
         with closing(self.decode(None)) as pairs:
-            for frame in map(self._frame, pairs):
+            for _, frame in self._frames(pairs):
                 if isinstance(frame, Frame) and (not frames or frame.timestamp_s - frames[-1].timestamp_s >= 0.25):
                     frames.append(frame)
                 if len(frames) >= count:

@@ -238,7 +238,7 @@ class SpeedWatch:
         """Take the places of a frame [m], by id."""
         self._places.append((timestamp_s, places))
         then_s, before = self._places[0]
-        if len(self._places) > self.FRAMES:
+        if len(self._places) > self.FRAMES and timestamp_s > then_s:
             moves = [math.dist(places[k], before[k]) for k in places.keys() & before.keys()]
             self._speeds += [move / (timestamp_s - then_s) for move in moves]
 
@@ -261,6 +261,6 @@ def repeated_check(images: Sequence[U8]) -> Check:
 
 
 def longest_step(times_s: F64) -> float:
-    """Longest interval over the median one; NaN with fewer than three times."""
-    steps = np.diff(times_s)
+    """Longest interval over the median one; NaN with fewer than three different times."""
+    steps = np.diff(np.unique(times_s))
     return float(steps.max() / np.median(steps)) if len(steps) >= 2 else math.nan

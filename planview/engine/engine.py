@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -22,7 +23,7 @@ from planview.maps.view import View
 from planview.tracking.base import Decision, ImageTracker, Observation, Tracker, followed
 from planview.trajectories.state import TrackState
 from stereo.depth import Depth, point_cloud
-from stereo.recording import Frame, OpenOptions, Skipped, prefetch
+from stereo.recording import Frame, OpenOptions, Skipped, prefetch, unusable_time
 
 if TYPE_CHECKING:
     from open3d.geometry import PointCloud
@@ -127,7 +128,7 @@ class Engine:
         be."""
         self.recording, self.config, self.heads, self.tracker = recording, config, tuple(heads), tracker
         self.camera, self.size = heads[0].camera, heads[0].size
-        self.ahead = min(head.ahead for head in heads)
+        self.ahead, self._last_s = min(head.ahead for head in heads), -math.inf
         self.rigs = {head.name: head.rig for head in heads if head.rig is not None}
         self.stereo: FloorRig | None = None
         if heads[0].rig is not None:
@@ -158,8 +159,8 @@ class Engine:
         """Track the next frame, of the kind that ``recording`` gives; frames come in order.
 
         Raises:
-            InputError, ValueError: a frame of another kind of recording, images of another size than the
-                calibration's, or damaged maps.
+            InputError, ValueError: a frame of another kind of recording or without a time after that of the frame
+                before, images of another size than the calibration's, or damaged maps.
         """
         clock = StageClock()
         return self._track(frame, self._measure(frame, clock), clock)
@@ -181,6 +182,8 @@ class Engine:
         return tuple(None if shot is None else head.measure(shot, clock) for head, shot in pairs)
 
     def _track(self, frame: Frame[Any], measured: Measured, clock: StageClock) -> FrameResult:
+        if why := unusable_time(frame.timestamp_s, self._last_s):
+            raise InputError(f"frame {frame.index}: {why}")
         clock.start()
         views = tuple(head.look(each, frame, clock) for head, each in zip(self.heads, measured, strict=True))
         observation = self._observation(frame, views)
@@ -188,6 +191,7 @@ class Engine:
         for head, view in zip(self.heads, views, strict=True):
             head.protect(people, view, self.tracker.decisions)
         clock.record("track")
+        self._last_s = frame.timestamp_s
         at = frame.index, frame.timestamp_s
         return FrameResult(*at, people, self.tracker.decisions, observation, clock, self.stereo)
 
@@ -227,16 +231,19 @@ class Engine:
 
     def reset(self) -> None:
         """Forget all frames: people, background and feedback."""
+        self._last_s = -math.inf
         self.tracker.reset()
         self._reset_heads()
 
     def state(self) -> dict[str, dict[str, Any]]:
         """By name of the part and of the value, all that is carried from frame to frame. Raises TypeError: a tracker
         of one's own without ``state``."""
-        return {name: part.state() for name, part in self._memory().items()}
+        parts = {name: part.state() for name, part in self._memory().items()}
+        return {"engine": {"last_s": self._last_s}, **parts}
 
     def set_state(self, state: Mapping[str, Mapping[str, Any]]) -> None:
         """Resume from the state of an engine that was made with the same arguments."""
+        self._last_s = state["engine"]["last_s"]
         for name, part in self._memory().items():
             part.set_state(state[name])
 

@@ -280,8 +280,8 @@ class TrackLog:
         self.now_s = math.nan
 
     def begin(self, now_s: float) -> float:
-        """Start a frame with no decisions; the time since the last one [s]. Raises ValueError: time runs backwards."""
-        if now_s < self.now_s:
+        """Start a frame without decisions; the time since the last one [s]. Raises ValueError: no time after that."""
+        if not math.isfinite(now_s) or now_s <= self.now_s:
             raise ValueError(f"expected time to advance, got {now_s} s after {self.now_s} s")
         dt = 0.0 if math.isnan(self.now_s) else now_s - self.now_s
         self.now_s, self._log = now_s, []

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -86,6 +87,26 @@ def test_reset_forgets_the_background_of_a_stereo_engine(engine: Engine) -> None
 def test_steps_of_a_single_camera_engine_give_the_tracks_of_its_iteration() -> None:
     engine = engine_of(CrossingVideo(), EllipseParticleTracker())
     assert [r.tracks for r in stepped(engine, CrossingVideo.n_frames)] == [r.tracks for r in engine]
+
+
+def test_frame_without_a_later_time_is_refused_and_leaves_the_engine_as_it_was() -> None:
+    engine = engine_of(CrossingVideo(), EllipseParticleTracker())
+    frames = list(CrossingVideo())[:40]
+    expected = [result.tracks for result in stepped(engine, 40)]
+    engine.reset()
+    tracks = [engine.step(frame).tracks for frame in frames[:30]]
+    for time_s in (math.nan, math.inf, frames[29].timestamp_s, 0.0):
+        with pytest.raises(InputError, match="frame 30: its time"):
+            engine.step(replace(frames[30], timestamp_s=time_s))
+    assert tracks + [engine.step(frame).tracks for frame in frames[30:]] == expected
+
+
+def test_engine_that_resumes_refuses_a_frame_from_before() -> None:
+    engine, resumed = (engine_of(CrossingVideo(), EllipseParticleTracker()) for _ in range(2))
+    stepped(engine, 3)
+    resumed.set_state(engine.state())
+    with pytest.raises(InputError, match=r"frame 2: its time, 0\.2 s, is not after 0\.2 s"):
+        resumed.step(list(CrossingVideo())[2])
 
 
 def test_frames_of_another_kind_of_recording_are_refused(engine: Engine) -> None:

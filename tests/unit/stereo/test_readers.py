@@ -1,7 +1,7 @@
 """Readers of stereo recordings."""
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -22,7 +22,7 @@ from stereo.readers.live import READER, without_password
 from stereo.readers.open import open_rigs
 from stereo.readers.pairing import even_sequence, pair_files
 from stereo.readers.video import VideoFile
-from stereo.recording import LiveRecording, prefetch
+from stereo.recording import Decoded, FrameClock, LiveRecording, Video, prefetch
 
 
 @pytest.mark.parametrize("colour", [False, True])
@@ -51,6 +51,23 @@ def test_damaged_image_is_skipped_and_counted(tmp_path: Path, damage: Callable[[
     recording = open_recording(tmp_path / "r")
     assert [f.index for f in recording] == [0, 1, 3, 4, 5]
     assert [(s.index, s.why) for s in recording.skipped] == [(2, f"left: left/0002.png {why}")]
+
+
+def test_frames_whose_time_does_not_advance_are_skipped_with_the_reason(tmp_path: Path) -> None:
+    times, image = [0.0, 0.1, np.nan, 0.1, 0.05, 0.2], np.zeros((H, W), np.uint8)
+
+    def decode(indices: Sequence[int] | None) -> Generator[tuple[Decoded], None, None]:
+        for index in range(6) if indices is None else indices:
+            yield (Decoded(index, times[index], image),)
+
+    video = Video(tmp_path, decode, 6, FrameClock(10.0), [], (W, H))
+    assert [(frame.index, frame.timestamp_s) for frame in video] == [(0, 0.0), (1, 0.1), (5, 0.2)]
+    assert [(skipped.index, skipped.why) for skipped in video.skipped] == [
+        (2, "its time is nan"),
+        (3, "its time, 0.1 s, is not after 0.1 s of the frame before"),
+        (4, "its time, 0.05 s, is not after 0.1 s of the frame before"),
+    ]
+    assert [frame.index for frame in video.at([0, 2, 5])] == [0, 5]
 
 
 def test_missing_file_leaves_a_gap_in_time(tmp_path: Path) -> None:

@@ -313,6 +313,18 @@ def test_people_who_run_all_the_time_are_a_warning_of_a_wrong_rate(fps, ok):
     assert watch.check().value == pytest.approx(0.12 * fps) and watch.check().ok is ok
 
 
+def test_speed_between_frames_of_one_time_does_not_count():
+    watch = SpeedWatch()
+    for frame in range(60):
+        watch.update(1.0, {1: (0.12 * frame, 0.0)})
+    assert np.isnan(watch.check().value)
+
+
+def test_longest_step_leaves_out_times_that_stand_still():
+    assert longest_step(np.array([0.0, 0.0, 0.0, 0.1, 0.3])) == pytest.approx(0.2 / 0.15)
+    assert np.isnan(longest_step(np.array([0.0, 0.0, 0.0, 1.0])))
+
+
 def test_fault_gaps_in_the_timestamps(tmp_path, pairs):
     folder = write_toy_recording(tmp_path / "r", RIG, pairs[:10])
     times = np.arange(10) / 15.0 + (np.arange(10) >= 6) * 1.5

@@ -150,12 +150,13 @@ def test_who_turns_round_while_nothing_is_known_is_not_the_thing_that_stands_ahe
     assert [(s.track_id, s.x_m) for s in confirmed(states)] == [(1, pytest.approx(-0.34, abs=0.08))]
 
 
-def test_a_reset_ends_everybody_and_earlier_times_are_refused():
+def test_a_reset_ends_everybody_and_times_that_do_not_advance_are_refused():
     tracker = JointTracker()
     for n in range(20):
         tracker.update(observed(n, n / 15, look_at(CAMERA, [(0.0, 3.0, 1.75)])))
-    with pytest.raises(ValueError, match="time to advance"):
-        tracker.update(observed(20, 0.0, look_at(CAMERA, [])))
+    for time_s in (0.0, 19 / 15, np.nan):
+        with pytest.raises(ValueError, match="time to advance"):
+            tracker.update(observed(20, time_s, look_at(CAMERA, [])))
     tracker.reset()
     assert tracker.update(observed(0, 0.0, look_at(CAMERA, []))) == ()
 
