@@ -196,12 +196,14 @@ class DepthFrames:
             if units is None:
                 raise
             assumed, found = units.units_per_m, []
-            for units.units_per_m in DEPTH_UNITS:
-                with suppress(WorkError):
-                    frames = setup_frames(self._recording, self._search.frames)
-                    height_m = self._floor_in([self.depth_of(frame) for frame in frames]).height_m
-                    found.append(f"{height_m:.2f} m below the camera at {units.units_per_m:g} values per metre")
-            units.units_per_m = assumed
+            try:
+                for units.units_per_m in DEPTH_UNITS:
+                    with suppress(WorkError):
+                        frames = setup_frames(self._recording, self._search.frames)
+                        height_m = self._floor_in([self.depth_of(frame) for frame in frames]).height_m
+                        found.append(f"{height_m:.2f} m below the camera at {units.units_per_m:g} values per metre")
+            finally:
+                units.units_per_m = assumed
             if not found:
                 raise
             raise WorkError(

@@ -3,6 +3,7 @@
 import csv
 import shutil
 from pathlib import Path
+from typing import NoReturn
 
 import cv2
 import numpy as np
@@ -15,6 +16,8 @@ from planview.checks.examine import examine
 from planview.engine.config import Config
 from planview.engine.engine import Engine
 from planview.engine.open import open_engine
+from stereo.floor import DepthFrames
+from stereo.readers.open import open_any
 
 FEW = Config.model_validate({"analysis": {"setup_frames": 6}})
 
@@ -43,6 +46,23 @@ def test_unit_of_depth_that_gives_a_floor_is_named(recording: Path, tmp_path: Pa
         cv2.imwrite(str(file), np.where(stored < 65535, stored, 0).astype(np.uint16))
     with pytest.raises(WorkError, match=rf"unit of depth\? .*{HEIGHT_M:.1f}\d m below the camera at {unit} values"):
         open_engine(tmp_path / "other", config=FEW)
+
+
+def test_unit_of_depth_is_kept_when_the_search_for_another_one_fails(
+    recording: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = open_any(recording)
+    opened.depth_units.units_per_m = 1e5  # the floor would be a few centimetres below the camera
+    seen = DepthFrames(opened)
+    assert len(seen.depths) > 0
+
+    def fail(*_: object) -> NoReturn:
+        raise InputError("a file is gone")
+
+    monkeypatch.setattr("stereo.floor.setup_frames", fail)
+    with pytest.raises(InputError, match="a file is gone"):
+        seen.floor()
+    assert opened.depth_units.units_per_m == 1e5
 
 
 def test_floor_of_depth_is_calibrated_as_a_run_finds_it(recording: Path, json_of: JsonOf) -> None:
