@@ -138,7 +138,8 @@ class Foreground(Carried):
             before, self._exposure = self._exposure, self._gain(self._model.gaussians[0], image, self._exposure)
             self.shows = self._judge(frame, timestamp_s, steady)
             if not self.shows:
-                self._exposure = before
+                # Of a background that was forgotten, the exposure is too.
+                self._exposure = Exposure() if math.isnan(self._first_s) else before
                 self.shadow[:] = 0
                 return np.zeros(self.shape, np.uint8)
             self._rebase()

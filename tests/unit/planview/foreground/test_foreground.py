@@ -5,6 +5,7 @@ import pytest
 
 from planview.engine.config import SingleCameraParams
 from planview.engine.head import CameraHead, StageClock
+from planview.foreground.gain import Exposure
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import BACKGROUND, PERSON, ForegroundParams
 from stereo.recording import Frame
@@ -197,6 +198,15 @@ def test_gap_in_time_teaches_at_most_a_second():
     assert share(scene.watch(0.5, PERSON_THERE)) > 0.95
     scene.time_s -= 10  # time stamps that run backwards teach nothing
     assert share(scene.watch(0.5, PERSON_THERE)) > 0.95
+
+
+def test_background_that_begins_again_while_the_camera_moves_has_no_exposure():
+    scene = Scene()
+    scene.watch(1.0)
+    scene.watch(0.5, gain=1.3)
+    assert scene.foreground.exposure.gain == pytest.approx(1.3, abs=0.05)
+    scene.foreground.update(scene.wall.astype(np.uint8), None, scene.time_s, steady=False)
+    assert scene.foreground.exposure == Exposure()
 
 
 @pytest.mark.parametrize("gain", [0.5, 0.8, 1.3, 2.0])
