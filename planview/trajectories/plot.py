@@ -197,6 +197,7 @@ def _floor_axes(axes: Axes, unit: str) -> Axes:
 
 def _time_axes(axes: Axes) -> Axes:
     axes.set_xlabel("time [s]")
+    axes.autoscale(axis="y")  # a limit that is set stays, and would cut off what is drawn after it
     axes.set_ylim(bottom=0)
     axes.margins(x=0.01)
     return _styled(axes)

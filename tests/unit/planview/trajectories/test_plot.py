@@ -46,6 +46,13 @@ def test_speed_without_velocities_is_that_of_the_positions() -> None:
     assert np.asarray(line.get_ydata()) == pytest.approx(1.5)
 
 
+def test_speeds_drawn_after_slower_ones_are_not_cut_off() -> None:
+    slow, both = walkers().to_dataframe(), axes()
+    plot_speed(slow, both)
+    plot_speed(slow.assign(y_m=3 * slow.y_m), both)
+    assert both.get_ylim()[0] == 0 and 4.5 < both.get_ylim()[1] < 5.5
+
+
 def test_counts_are_people_in_every_frame() -> None:
     table = walkers(people=2).to_dataframe()
     line = plot_counts(table[(table.id == 1) | (table.frame < 30)], axes()).get_lines()[0]
