@@ -113,11 +113,14 @@ def _apply(tables: dict[str, Any], override: str) -> None:
 
 
 def _over(defaults: dict[str, Any], tables: dict[str, Any]) -> dict[str, Any]:
-    """The defaults with what the tables set: one key of a stage leaves the stage's others as they are."""
+    """The defaults with what the tables set: one key of a stage leaves the stage's others as they are; a key with dots
+    is one of a table."""
     both = dict(defaults)
-    for key, value in tables.items():
-        nested = isinstance(value, dict) and isinstance(defaults.get(key), dict)
-        both[key] = _over(defaults[key], value) if nested else value
+    for name, content in tables.items():
+        key, dot, rest = str(name).partition(".")
+        value = {rest: content} if dot else content
+        nested = isinstance(value, dict) and isinstance(both.get(key), dict)
+        both[key] = _over(both[key], value) if nested else value
     return both
 
 

@@ -13,7 +13,7 @@ from calib.ground_camera import GroundCamera
 from calib.params import described, tables_of
 from calib.pose import SE3
 from calib.types import F32
-from planview.engine.config import Config, FeedbackParams, load_config
+from planview.engine.config import Config, FeedbackParams, config_of, load_config
 from planview.engine.head import Feedback
 from planview.engine.info import camera_info
 from planview.engine.setup import set_up
@@ -39,6 +39,14 @@ def test_a_file_and_overrides_which_beat_it_change_what_they_name_and_nothing_el
     assert defaults.remove_colour_shadows
     assert config.single_camera.foreground == defaults.model_copy(update={"beta": 9.0})
     assert Config.model_validate_json(config.model_dump_json()) == config
+
+
+def test_keys_with_dots_are_those_of_tables() -> None:
+    nested = config_of({"foreground": {"beta": 4.0, "luma_noise": 3.0}, "single_camera": {"foreground": {"beta": 5.0}}})
+    dotted = {"foreground.beta": 4.0, "foreground": {"luma_noise": 3.0}, "single_camera.foreground.beta": 5.0}
+    assert config_of(dotted) == nested
+    with pytest.raises(InputError, match=r"foreground\.bet\b.*did you mean foreground\.beta\?"):
+        config_of({"foreground.bet": 4.0})
 
 
 @pytest.mark.parametrize(
