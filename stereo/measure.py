@@ -84,10 +84,12 @@ def _words(shot: Shot) -> str:
     return "two images" if shot[1].dtype == np.uint8 else "an image and its depth"
 
 
-def refuse_foreign_disparity(disparity: F32, shape: tuple[int, int], searched: DisparityRange) -> None:
+def refuse_foreign_disparity(disparity: object, shape: tuple[int, int], searched: DisparityRange) -> None:
     """Refuse what is no (H, W) float32 disparity in pixels, as a matcher of the user's may give; ``searched`` are those
     that people on the floor can have. Raises InputError: another shape or kind of number, sixteenths of a pixel, depth,
     or a number for "none"."""
+    if not isinstance(disparity, np.ndarray):
+        raise InputError(f"matcher: expected an array of disparities, found {type(disparity).__name__}")
     if disparity.shape != shape or disparity.dtype != np.float32:
         raise InputError(
             f"matcher: expected float32 disparities of {shape}, found {disparity.dtype} of {disparity.shape}"

@@ -117,8 +117,9 @@ def disparity() -> F32:
         (lambda disparity: np.nan_to_num(disparity, nan=-1.0), "expected NaN"),
         (lambda disparity: disparity[1:], "expected float32"),
         (lambda disparity: disparity.astype(np.float64), "expected float32"),
+        (lambda disparity: None, "matcher: expected an array of disparities, found NoneType"),
     ],
-    ids=["sixteenths of a pixel", "millimetres", "0 for none", "-1 for none", "other shape", "other numbers"],
+    ids=["sixteenths of a pixel", "millimetres", "0 for none", "-1 for none", "other shape", "other numbers", "none"],
 )
 def test_disparity_of_another_kind_is_told_and_in_pixels_passes_unchanged(disparity, change, printed):
     given = disparity.copy()
