@@ -8,7 +8,6 @@ from typing import Protocol
 import numpy as np
 
 from calib.errors import InputError
-from calib.types import F32
 from stereo.depth import Depth
 from stereo.matcher import BODY_LAG, DisparityRange, Matcher, SgbmMatcher, SgbmParams
 from stereo.recording import Shot

@@ -69,7 +69,7 @@ def json_of(capsys: pytest.CaptureFixture[str]) -> JsonOf:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Cli how many tests the missing recordings cost: a run without them must not pass for a whole one."""
+    """Print how many tests the missing recordings cost: a run without them must not pass for a whole one."""
     skipped = sum(WITHOUT_RECORDINGS in str(report.longrepr) for report in terminalreporter.stats.get("skipped", ()))
     if skipped:
         terminalreporter.write_line(
