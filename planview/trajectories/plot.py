@@ -176,10 +176,13 @@ def _broken(values: F64, frames: I64) -> F64:
 
 def _speed(own: DataFrame) -> F64:
     """(N,) speeds of one track, smoothed; by differences where the tracker gave no velocity."""
-    speed, times_s = np.hypot(own["vx_mps"], own["vy_mps"]), own["time_s"]
-    if speed.isna().all() and len(own) > 1:
-        speed[:] = np.hypot(np.gradient(own["u"], times_s), np.gradient(own["v"], times_s))
-    step_s = float(times_s.diff().median()) if len(own) > 1 else 1.0
+    speed, steps_s = np.hypot(own["vx_mps"], own["vy_mps"]), own["time_s"].diff()
+    if speed.isna().all() and own["time_s"].nunique() > 1:
+        # Rows of one time, as of clocks that count whole seconds, have one place and one speed.
+        places = own.groupby("time_s")[["u", "v"]].mean()
+        u_mps, v_mps = np.gradient(places, places.index, axis=0).T
+        speed[:] = np.hypot(u_mps, v_mps)[np.searchsorted(places.index, own["time_s"])]
+    step_s = float(steps_s.median() or steps_s.mean()) if len(own) > 1 else 1.0
     width = max(1, min(len(own), round(SMOOTH_S / max(step_s, 1e-6))))
     return np.asarray(speed.rolling(width, min_periods=1, center=True).mean())
 

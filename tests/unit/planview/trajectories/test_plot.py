@@ -46,6 +46,12 @@ def test_speed_without_velocities_is_that_of_the_positions() -> None:
     assert np.asarray(line.get_ydata()) == pytest.approx(1.5)
 
 
+def test_speed_by_a_clock_of_whole_seconds_is_the_mean_over_them() -> None:
+    table = walkers(frames=120).to_dataframe()
+    line = plot_speed(table.assign(timestamp_s=np.floor(table.timestamp_s)), axes()).get_lines()[0]
+    assert np.asarray(line.get_ydata()) == pytest.approx(1.5)
+
+
 def test_speeds_drawn_after_slower_ones_are_not_cut_off() -> None:
     slow, both = walkers().to_dataframe(), axes()
     plot_speed(slow, both)
