@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 import shutil
 from collections.abc import Sequence
@@ -152,6 +153,9 @@ class RerunLog:
             except (RuntimeError, ValueError) as error:
                 before, size = size, self._path.stat().st_size
                 if size == before:
+                    # Neither the end of Python nor that of the stream, which is kept for ever, waits for the thread.
+                    rr.unregister_shutdown()
+                    ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._stream))
                     problem = f"{self._path}: cannot be written ({reason(error)}); earlier frames are kept"
                     raise WorkError(problem) from error
 

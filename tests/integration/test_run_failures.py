@@ -1,5 +1,6 @@
 """``planview run``: what can be wrong with a recording or a disk, in one sentence each."""
 
+import gc
 import re
 import resource
 import shutil
@@ -8,10 +9,12 @@ import subprocess
 import sys
 import sysconfig
 import time
+import weakref
 from collections.abc import Iterator
 from copy import copy as same_parts
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -150,6 +153,21 @@ def test_rerun_is_stopped_before_the_disk_is_full(engine, tmp_path, monkeypatch)
     assert not read_run_info(tmp_path / "run.json").finished
     rerun = Path(sysconfig.get_path("scripts")) / "rerun"
     assert subprocess.run([rerun, "rrd", "verify", tmp_path / "run.rrd"], timeout=60).returncode == 0
+
+
+def test_rerun_that_cannot_write_is_not_waited_for(engine, tmp_path, monkeypatch):
+    from planview.output import rerun_log
+
+    unregistered = []
+    monkeypatch.setattr(rerun_log.rr, "unregister_shutdown", lambda: unregistered.append(True))
+    log = rerun_log.RerunLog(engine, tmp_path / "run.rrd")
+    stream = weakref.ref(log._stream)
+    log._stream.flush = Mock(side_effect=RuntimeError("Flush timed out"))
+    with pytest.raises(WorkError, match=r"run\.rrd: cannot be written"):
+        log.mark()
+    del log
+    gc.collect()
+    assert unregistered and stream() is not None
 
 
 @pytest.mark.parametrize(
