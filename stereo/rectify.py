@@ -124,8 +124,6 @@ class Warp:
         self._pixels = pixels = source_pixels(camera, rotation, pixel_to_ray, size)
         inside: Bool = np.all((pixels > -0.5) & (pixels < np.array(camera.size) - 0.5), axis=-1)
         self.mask: U8 = np.where(inside, np.uint8(255), np.uint8(0))
-        nearest = np.where(inside[..., None], np.round(np.nan_to_num(pixels)), 0.0).astype(np.int16)
-        self._columns, self._rows = nearest[..., 0], nearest[..., 1]
         shrink = np.array(self._reduced) / np.array(camera.size)
         reduced = np.clip((pixels + 0.5) * shrink - 0.5, 0.0, np.array(self._reduced) - 1.0)
         reduced = np.where(inside[..., None], reduced, -1e4).astype(np.float32)  # else outside, where nothing is

@@ -117,7 +117,7 @@ class PlanPainter:
         cameras: Sequence[tuple[tuple[float, float], F64]] = (),
         rules: Sequence[Rule] = (),
     ) -> None:
-        self._bounds, self._size = bounds, size
+        self._size = size
         wide, high = bounds.x_max_m - bounds.x_min_m, bounds.y_max_m - bounds.y_min_m
         self.scale = min(size[0] / wide, size[1] / high)
         self._middle = np.array([(bounds.x_min_m + bounds.x_max_m) / 2, (bounds.y_min_m + bounds.y_max_m) / 2])

@@ -292,7 +292,6 @@ class Cast:
     """All actors of a scene over time."""
 
     def __init__(self, scene: Scene, palette: Palette) -> None:
-        self._scene = scene
         furniture = {f.name: f for f in scene.furniture if f.name}
         scripted = [scripted_motion(p, furniture, scene.duration_s) for p in scene.people]
         self.motions = wander(scene, scripted)
