@@ -14,7 +14,7 @@ from calib.kernels import kernel
 from calib.params import Params
 from calib.rig import Floor
 from calib.types import F32, U8, AnyArray
-from stereo.depth import RectifiedGeometry
+from stereo.depth import RectifiedGeometry, sample_means, whole_samples
 
 STEP = 16
 """SGBM counts disparities in multiples of 16, and returns sixteenths of a pixel."""
@@ -186,7 +186,8 @@ class SgbmMatcher:
 
     def sampled(self, left_grey: U8, right_grey: U8) -> F32:
         """(h, w) float32 disparity of the samples [px], from images as of a call. Not in several threads at once."""
-        n, left, right = self.step, self._reduced(left_grey), self._reduced(right_grey)
+        n = self.step
+        left, right = sample_means(left_grey, n), sample_means(right_grey, n)
         start = self._coarse(left, right)
         coarse = left, _means(right_grey, n)
         refined = self._refined(*coarse, start, n, max(1, n // 2))
@@ -195,24 +196,12 @@ class SgbmMatcher:
         else:
             side = 2 - n % 2
             first = slice((n - side) // 2, None, n)
-            fine = np.ascontiguousarray(_means(self._padded(left_grey), side)[first, first])
+            fine = np.ascontiguousarray(_means(whole_samples(left_grey, n), side)[first, first])
             refined = self._refined(fine, _means(right_grey, side), refined, side, 1)
         # What moves over half a sample, or a pixel, has left the surface that was found; no slope is known at the edge.
         inside = n * np.arange(self.shape[1]) - refined >= 1.0
         refined[~(inside & (np.abs(refined - start) <= max(0.5 * n, 1.0)))] = np.nan
         return refined * self._scale
-
-    def _reduced(self, image: U8) -> U8:
-        """(h, w) uint8 means of step x step pixels of an (H, W) image."""
-        if self.step == 1:
-            return image
-        size = self.shape[::-1]
-        return np.asarray(cv2.resize(self._padded(image), size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
-    def _padded(self, image: U8) -> U8:
-        """With whole samples at the right and lower edge."""
-        below, right = (self.step * n - m for n, m in zip(self.shape, image.shape, strict=True))
-        return np.asarray(cv2.copyMakeBorder(image, 0, below, 0, right, cv2.BORDER_REPLICATE), dtype=np.uint8)
 
     def _coarse(self, left: U8, right: U8) -> F32:
         """(h, w) float32 disparity [px] of the reduced images."""

@@ -18,7 +18,7 @@ from calib.params import Params
 from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F32, F64, U8, AnyArray, Bool
-from stereo.depth import RectifiedGeometry
+from stereo.depth import RectifiedGeometry, middle_px
 from stereo.matcher import disparity_range
 from stereo.recording import Frame, Shot
 from stereo.rig_correction import RigCorrection, measure_correction
@@ -216,7 +216,7 @@ class Rectifier:
         """Of the left image at an n-th of its size."""
         if step not in self._smaller:
             width, height = self.geometry.size
-            size, middle = (-(-width // step), -(-height // step)), 0.5 * (step - 1)
+            size, middle = (-(-width // step), -(-height // step)), middle_px(0, step)
             scale = np.array([[step, 0.0, middle], [0.0, step, middle], [0.0, 0.0, 1.0]])
             to_ray = np.asarray(np.linalg.inv(self.geometry.matrix) @ scale, dtype=np.float64)
             rotation = self.rect_SE3_left.rotation

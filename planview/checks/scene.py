@@ -209,7 +209,7 @@ def heights_above_floor(points: F32, world_SE3_left: SE3) -> F32:
 
 def standing_things(disparity: F32, moved: Bool, geometry: RectifiedGeometry, floor: Floor, step: int = 1) -> F64:
     """(N, 2) height [m] and surface (in units that all things share) of what stands out of the background, from the
-    (H, W) disparity of every ``step``-th row and column, NaN where unknown, and whether a pixel moved."""
+    (H, W) disparity of samples of step x step pixels, NaN where unknown, and whether a sample moved."""
     depth = geometry.depth(disparity)
     above = heights_above_floor(back_project(depth, geometry, step), floor.world_SE3_left)
     stands_out = moved & (above > 0.25)  # [m]

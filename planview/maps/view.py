@@ -23,7 +23,7 @@ from calib.types import F32, F64, I32, U8
 from planview.foreground.gain import Exposure
 from planview.maps.grid import MapParams, floor_in_view, reach_m
 from planview.maps.plan_view import FloorPoints, PlanViewMaps, plan_view
-from stereo.depth import Depth, RectifiedGeometry
+from stereo.depth import Depth, RectifiedGeometry, middle_px
 
 BACKGROUND_SEEN, SURFACE, NO_DEPTH, UNKNOWN, SHADOW = range(5)
 """Kinds of pixels: the background is seen, foreground with depth, foreground without, pixels that show nothing (no
@@ -97,7 +97,7 @@ class PixelRays(NamedTuple):
         disparity_metre = 1.0 if pair is None else pair.disparity_metre
         matched = np.zeros(stretch.shape)
         if pair is not None and pair.depth_std_min_m == 0.0:
-            matched = stretch * disparity_metre / np.maximum(cols * step + 0.5 * (step - 1), 0.5)
+            matched = stretch * disparity_metre / np.maximum(middle_px(cols, step), 0.5)
         unit = unit.astype(np.float32)
         flat, up = np.hypot(unit[..., 0], unit[..., 1])[..., None], unit[..., 2:]
         along = np.where(flat > 1e-6, unit[..., :2] / np.maximum(flat, 1e-6), (1.0, 0.0))

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from calib.floor.plane import Plane
-from stereo.depth import RectifiedGeometry, back_project, median_image
+from stereo.depth import Depth, RectifiedGeometry, back_project, median_image
 from stereo.floor import align_plane, of_like_light
 
 GEOMETRY = RectifiedGeometry(4, 3, 400.0, 400.0, 1.5, 1.0, 0.1, disparity_std_px=0.25)
@@ -36,6 +36,45 @@ def test_back_projection_puts_the_principal_point_on_the_axis() -> None:
     assert np.isnan(points[0, 0]).all()
     np.testing.assert_allclose(points[1, 2], [0.5 * 2 / 400, 0.0, 2.0], atol=1e-7)
     np.testing.assert_allclose(points[2, 3], [1.5 * 2 / 400, 1.0 * 2 / 400, 2.0], atol=1e-7)
+
+
+@pytest.mark.parametrize(("step", "first"), [(1, 0.0), (2, 0.5), (3, 1.0), (4, 1.5)])
+def test_a_sample_has_the_disparity_and_the_point_of_its_middle(step: int, first: float) -> None:
+    u, v = np.meshgrid(np.arange(24.0), np.arange(12.0))
+    samples = Depth.of_whole(np.zeros((12, 24), np.uint8), (20 + 0.1 * u + 0.05 * v).astype(np.float32), step)
+    u, v = np.meshgrid(np.arange(first, 24, step), np.arange(first, 12, step))
+    np.testing.assert_allclose(samples.disparity, 20 + 0.1 * u + 0.05 * v, rtol=1e-6)
+    points = back_project(np.full(samples.disparity.shape, 2.0, np.float32), GEOMETRY, step)
+    np.testing.assert_allclose(points[..., :2], 2.0 * np.stack([u - 1.5, v - 1.0], axis=-1) / 400, atol=1e-6)
+
+
+N = np.nan
+
+
+@pytest.mark.parametrize(
+    ("pixels", "shown"),
+    [
+        ([[20, 10], [20, 10]], 20.0),
+        ([[20, 10], [10.2, 10.1]], 10.1),
+        ([[10, 20], [20.3, 19.7]], 20.0),
+        ([[N, 10], [N, 20]], 20.0),
+        ([[10, 10.2], [N, N]], 10.1),
+        ([[N, N], [N, 10]], 10.0),
+        ([[N, N], [N, N]], N),
+    ],
+)
+def test_a_sample_on_an_edge_shows_one_surface(pixels: list[list[float]], shown: float) -> None:
+    disparity = np.array(pixels, np.float32)
+    assert Depth.of_whole(np.zeros((2, 2), np.uint8), disparity, 2).disparity.tolist() == [
+        [pytest.approx(shown, rel=1e-6, nan_ok=True)]
+    ]
+
+
+def test_samples_of_an_image_are_means_of_their_own_pixels_up_to_the_border() -> None:
+    columns = np.tile(np.arange(0, 70, 10, dtype=np.uint8), (3, 1))
+    samples = Depth.of_whole(columns, columns.astype(np.float32), 2)
+    assert samples.image.tolist() == [[5, 25, 45, 60]] * 2
+    assert samples.disparity[:, 3].tolist() == [60.0, 60.0]
 
 
 def test_rays_through_pixels_are_at_unit_depth():

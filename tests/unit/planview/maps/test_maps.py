@@ -23,6 +23,7 @@ from planview.maps.plan_view import FloorPoints, PlanViewMaps, accumulate, joint
 from planview.maps.recording import MapsRecording, MapsWriter, RecordedPoints
 from planview.maps.view import CODES, MapBuilder, back_project, colour_codes, encode_colours, smoothing
 from stereo.depth import RectifiedGeometry
+from stereo.depth import back_project as to_points
 from stereo.recording import Frame, Skipped
 from tests.reference import maps as reference
 
@@ -53,6 +54,15 @@ def test_table_below_an_overhead_camera_has_its_height_and_its_area_at_any_dista
     assert maps.height_raw.max() == pytest.approx(3.0 - depth_m, abs=1e-5)
     # 20 x 20 pixels, each depth / 50 wide.
     assert maps.occupancy_raw.sum() == pytest.approx((20 * depth_m / 50) ** 2, rel=1e-4)
+
+
+@pytest.mark.parametrize("step", [1, 2, 3])
+def test_points_for_a_cloud_are_the_points_that_are_tracked(step) -> None:
+    builder, tilted = MapBuilder(GEOMETRY, OVERHEAD, reduction=step), np.linspace(1.8, 4.0, 64 * 48, dtype=np.float32)
+    disparity = tilted.reshape(48, 64)[: builder.shape[0], : builder.shape[1]]
+    seen = builder.points(disparity, np.full(builder.shape, 255, np.uint8))
+    cloud = OVERHEAD @ to_points(GEOMETRY.depth(disparity), GEOMETRY, step).reshape(-1, 3).astype(np.float64)
+    np.testing.assert_allclose(seen.xyz, cloud[seen.pixels], atol=1e-5)
 
 
 def test_maps_skip_background_and_what_has_no_depth_is_above_h_max_or_on_the_ground():
