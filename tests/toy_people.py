@@ -16,13 +16,19 @@ from stereo.depth import RectifiedGeometry
 GEOMETRY = RectifiedGeometry(160, 120, 130.0, 130.0, 79.5, 59.5, 0.12)
 
 
-def oblique_camera(height_m: float = 2.5, tilt_deg: float = 65.0) -> PixelRays:
-    """A camera ``height_m`` above the floor; its axis is ``tilt_deg`` from straight down, towards y."""
-    a = np.deg2rad(tilt_deg)
-    forward = np.array([0.0, np.sin(a), -np.cos(a)])
-    right = np.array([1.0, 0.0, 0.0])
+def oblique_camera(
+    height_m: float = 2.5,
+    tilt_deg: float = 65.0,
+    at_m: tuple[float, float] = (0.0, 0.0),
+    turn_deg: float = 0.0,
+    geometry: RectifiedGeometry = GEOMETRY,
+) -> PixelRays:
+    """A camera above a place; its axis is ``tilt_deg`` from straight down, towards y or turned counterclockwise."""
+    a, turn = np.deg2rad([tilt_deg, turn_deg])
+    forward = np.array([-np.sin(turn) * np.sin(a), np.cos(turn) * np.sin(a), -np.cos(a)])
+    right = np.array([np.cos(turn), np.sin(turn), 0.0])
     rotation = np.column_stack([right, np.cross(forward, right), forward])
-    return PixelRays.of(GEOMETRY.above(SE3(rotation, np.array([0.0, 0.0, height_m]))), GEOMETRY)
+    return PixelRays.of(geometry.above(SE3(rotation, np.array([*at_m, height_m]))), geometry)
 
 
 def look_at(

@@ -74,11 +74,6 @@ class PixelRays(NamedTuple):
         """(height, width) of the analysed image."""
         return self.stretch.shape[0], self.stretch.shape[1]
 
-    @property
-    def key(self) -> tuple[float, ...]:
-        """Distinguishes cameras."""
-        return tuple(self.centre_m.tolist())
-
     @staticmethod
     def of(camera: FloorCamera, pair: RectifiedGeometry | None = None, step: int = 1) -> PixelRays:
         """The rays of every pixel of a camera; pixels that see nothing look up.
@@ -129,6 +124,8 @@ class View:
         motion: (H, W) uint8, 255 where consecutive frames differ; None where that is not looked at.
         renewed: (H, W) float32 [px], the background's disparity where it is another from this frame on; else None.
         depth: what was measured; None of one camera, of recorded views, and where there is no frame.
+    Raises:
+        ValueError: arrays of different sizes.
     """
 
     rays: PixelRays
@@ -140,6 +137,14 @@ class View:
     motion: U8 | None = None
     renewed: F32 | None = None
     depth: Depth | None = None
+
+    def __post_init__(self) -> None:
+        optional = self.colour, self.motion, self.renewed
+        shapes = {array.shape for array in (self.kind, self.range_m, *optional) if array is not None}
+        if self.rays is not NO_RAYS:
+            shapes.add(self.rays.shape)
+        if len(shapes) > 1:
+            raise ValueError(f"expected one size of rays, kinds, ranges and colours, got {sorted(shapes)}")
 
     @cached_property
     def shows(self) -> bool:
@@ -237,8 +242,9 @@ class MapBuilder(Carried):
         Raises:
             ValueError: the arrays do not have the size of the geometry.
         """
-        if disparity.shape != self.shape or mask.shape != self.shape:
-            raise ValueError(f"expected disparity and mask of {self.shape}, got {disparity.shape} and {mask.shape}")
+        shapes = [disparity.shape, mask.shape, *([] if image is None else [image.shape[:2]])]
+        if any(shape != self.shape for shape in shapes):
+            raise ValueError(f"expected disparity, mask and image of {self.shape}, got {shapes}")
         xyz, area, pixels = back_project(disparity, mask, self._camera, self._pose, self._limits)
         return FloorPoints(xyz, area, pixels, None if image is None else colour_codes(image, pixels, exposure))
 

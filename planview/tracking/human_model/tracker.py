@@ -99,11 +99,12 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
         view = observation.views[0] if observation.views else None
         if view is None or (view.shows and view.motion is None):
             raise ValueError("the human-model tracker needs foreground and motion")
-        if view.kind.shape != self.camera.size[::-1]:
-            (width, height), (rows, cols) = self.camera.size, view.kind.shape
-            raise InputError(
-                f"expected images of {width}x{height} px, for which the camera was calibrated, found {cols}x{rows}"
-            )
+        width, height = self.camera.size
+        for rows, cols, *_ in (view.kind.shape, (height, width) if view.image is None else view.image.shape):
+            if (cols, rows) != (width, height):
+                raise InputError(
+                    f"expected images of {width}x{height} px, for which the camera was calibrated, found {cols}x{rows}"
+                )
         dt = self._begin(observation.timestamp_s)
         frame = MaskExplanation(self._rays, view, self._likelihood)
         seen = frame.kind == BACKGROUND_SEEN

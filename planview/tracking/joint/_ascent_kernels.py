@@ -172,8 +172,8 @@ def _parabola(best, way, step, unit, axes, task, curvature):  # type: ignore[no-
 
 @kernel
 def ascend(pose: F64, curvature: F64, prior, me, others, samples, table, model) -> float:  # type: ignore[no-untyped-def]
-    """Ascent on the log-likelihood ratio plus what is known before, by parabolas along and across the first camera's
-    ray, in height, facing and lean and, in masks, in height along the ray of the head.
+    """Ascent on the log-likelihood ratio plus what is known before, by parabolas along and across the ray of the
+    camera that gives most samples, in height, facing and lean and, in masks, in height along the ray of the head.
 
     Moves ``pose``; fills ``curvature`` (6,), that of the log-likelihood ratio there [1/m^2, 1/rad^2].
 
@@ -188,7 +188,8 @@ def ascend(pose: F64, curvature: F64, prior, me, others, samples, table, model) 
     m, task = model[0], (prior, me, others, samples, table, model)
     camera, ax, ay, slope = (pose[0] - 1.0, pose[1], 1e6), 1.0, 0.0, 1.0
     if samples.size[0] > 0:
-        camera = float(samples.rays[CX, 0]), float(samples.rays[CY, 0]), float(samples.rays[CZ, 0])
+        main = samples.size[1]
+        camera = float(samples.rays[CX, main]), float(samples.rays[CY, main]), float(samples.rays[CZ, main])
         ax, ay = pose[0] - camera[0], pose[1] - camera[1]
         norm = math.sqrt(ax * ax + ay * ay)
         ax, ay = (ax / norm, ay / norm) if norm > 1e-6 else (1.0, 0.0)

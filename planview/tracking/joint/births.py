@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from calib.types import F32, F64, I64
-from planview.maps.view import CODES
+from planview.maps.view import CODES, View
 from planview.tracking import body
 from planview.tracking.joint.explanation import STEPS_M, SURFACE_STD_M, Explanation, Owned, People, about, upright
 from planview.tracking.joint.params import JointParams
@@ -37,7 +37,14 @@ class Births:
 
     def __init__(self, params: JointParams) -> None:
         self._params = params
-        self._tried_m: dict[tuple[float, ...], F32] = {}
+        self._tried_m: list[F32] = []
+
+    def prepare(self, views: Sequence[View]) -> None:
+        """Make room for the pixels of every head. Raises ValueError: other heads than in the frames before."""
+        shapes = [view.kind.shape for view in views]
+        self._tried_m = self._tried_m or [np.zeros(shape, np.float32) for shape in shapes]
+        if (before := [tried.shape for tried in self._tried_m]) != shapes:
+            raise ValueError(f"expected views of {before} as in the frames before, got {shapes}")
 
     def find(self, frame: Explanation, known: Sequence[Person], owned: Sequence[Owned], now_s: float) -> list[Person]:
         """New people of this frame, without ids; ``owned`` is of each view.
@@ -49,6 +56,7 @@ class Births:
         starts = np.cumsum([0, *(len(o.pixels) for o in owned)])
         fresh = np.concatenate([which + first for (which, _), first in zip(found, starts, strict=False)])
         fresh_points = np.concatenate([points for _, points in found], axis=1)
+        cameras = np.repeat(np.arange(len(found)), [len(which) for which, _ in found])
         if float(np.maximum(fresh_points[3], 0.0).sum()) < p.birth_evidence:
             return []
         low, high = (edge(fresh_points[:2], axis=1).astype(np.float64) for edge in (np.min, np.max))
@@ -71,35 +79,35 @@ class Births:
             box[max(0, row - reach) : row + reach + 1, max(0, col - reach) : col + reach + 1] = 0
             people = people or side_by_side(known)
             near = np.abs(fresh_points[:2] - place[:, None]).max(axis=0) < reach * CELL_M
-            lacking = fresh_points[:, near & (fresh_points[3] > 0)].T.astype(np.float64)
-            person = _tried(frame, p.birth_evidence, people, lacking, now_s)
+            lacks = near & (fresh_points[3] > 0)
+            lacking = fresh_points[:, lacks].T.astype(np.float64)
+            person = _tried(frame, p.birth_evidence, people, lacking, cameras[lacks], now_s)
             tried[fresh[near]] = True
             if person is None:
                 continue
             born.append(person)
             people = people.with_one(person.pose)
-        for v, o, mine in zip(frame.views, owned, np.split(tried, starts[1:-1]), strict=True):
-            self._tried_m[v.rays.key].reshape(-1)[o.pixels[mine]] = v.range_m.reshape(-1)[o.pixels[mine]]
+        for v, tried_m, o, mine in zip(frame.views, self._tried_m, owned, np.split(tried, starts[1:-1]), strict=True):
+            tried_m.reshape(-1)[o.pixels[mine]] = v.range_m.reshape(-1)[o.pixels[mine]]
         return born
 
     def _fresh(self, k: int, frame: Explanation, o: Owned) -> tuple[I64, F32]:
         """Which pixels of view k have not been tried at the range that they have now, and their points."""
-        v, key, n = frame.views[k], frame.views[k].rays.key, len(o.pixels)
-        if key not in self._tried_m:
-            self._tried_m[key] = np.zeros(v.kind.shape, np.float32)
-        which, points, std_m = np.empty(n, np.int64), np.empty((5, n), np.float32), (SURFACE_STD_M, CHANGED)
-        n = find_fresh(o.pixels, o.lacking, o.colours, frame.seen[k], self._tried_m[key], std_m, which, points)
+        n, std_m = len(o.pixels), (SURFACE_STD_M, CHANGED)
+        which, points = np.empty(n, np.int64), np.empty((5, n), np.float32)
+        n = find_fresh(o.pixels, o.lacking, o.colours, frame.seen[k], self._tried_m[k], std_m, which, points)
         return which[:n], points[:, :n]
 
 
-def _tried(frame: Explanation, birth_evidence: float, people: People, points: F64, now_s: float) -> Person | None:
-    """A newcomer at some (N, 5) points, if the evidence for one is strong enough."""
+def _tried(
+    frame: Explanation, birth_evidence: float, people: People, points: F64, cameras: I64, now_s: float
+) -> Person | None:
+    """A newcomer at some (N, 5) points, each seen by one of the ``cameras`` (N,), if the evidence for one is strong
+    enough."""
     if len(points) == 0:
         return None
     radius = body.TORSO.torso_radius_m
-    place = np.average(points[:, :2], axis=0, weights=points[:, 3])
-    out = place - frame.views[0].rays.centre_m[:2]
-    place = place + out / max(float(np.hypot(*out)), radius) * 0.5 * radius
+    place = _behind(points, cameras, frame)
     top = float(np.clip(np.quantile(points[:, 2], 0.97), 0.9, body.HEIGHT_MAX_M))
     n = len(people.poses)
     start = upright((*place, body.HEIGHT_MEAN_M))
@@ -133,6 +141,17 @@ def _tried(frame: Explanation, birth_evidence: float, people: People, points: F6
         owner = np.zeros(len(points), np.int64)
         person.learn_colours(colour_counts(1, owner, points[:, 2] / person.height_m, points[:, 4].astype(np.uint8))[0])
     return person
+
+
+def _behind(points: F64, cameras: I64, frame: Explanation) -> F64:
+    """(2,) where the axis of a body is with some points on its surface: half a torso's radius behind their mean, away
+    from each camera by its share of them. Between two that see front and back it is the mean."""
+    radius, weights = body.TORSO.torso_radius_m, points[:, 3]
+    place = np.average(points[:, :2], axis=0, weights=weights)
+    share = np.bincount(cameras, weights, minlength=len(frame.views))
+    out = place - np.array([v.rays.centre_m[:2] for v in frame.views])
+    away = out / np.maximum(np.hypot(*out.T), radius)[:, None]
+    return np.asarray(place + share / share.sum() @ away * 0.5 * radius)
 
 
 def odds_of_moving(

@@ -15,7 +15,17 @@ from planview.tracking.joint import _ascent_kernels as ascent
 from planview.tracking.joint import _likelihood_kernels as kernels
 from planview.tracking.joint import samples as gathering
 from planview.tracking.joint.params import JointParams
-from planview.tracking.joint.samples import CX, CY, KNOWN, PARTS, Known, Model, SampleArrays, Seen
+from planview.tracking.joint.samples import (
+    CX,
+    CY,
+    KNOWN,
+    PARTS,
+    SAMPLES_OF_VIEW,
+    Known,
+    Model,
+    SampleArrays,
+    Seen,
+)
 
 OUTLIERS = 0.08
 """Share of a body's disparities that are wrong."""
@@ -166,7 +176,8 @@ class Explanation:
 
     def around(self, poses: F64, reach_m: float) -> Samples:
         """The samples within reach of each of (N, 5) bodies, or of one (5,), of all cameras."""
-        of, arrays = self.likelihood, SampleArrays.of(len(np.atleast_2d(poses)))
+        of, room = self.likelihood, SAMPLES_OF_VIEW * len(self.seen)
+        arrays = SampleArrays.of(len(np.atleast_2d(poses)), room)
         for seen in self.seen:
             gathering.gather(np.atleast_2d(poses), reach_m, seen, arrays, of.table, of.model)
         return Samples(of, arrays if poses.ndim == 2 else arrays.person(0))
@@ -201,8 +212,9 @@ class Explanation:
         return touch
 
     def nearest_first(self, poses: F64) -> I64:
-        """(N,) int64 order of people by their distance from the first camera on the floor, nearest first."""
-        return np.argsort(np.hypot(*(poses[:, :2] - self.views[0].rays.centre_m[:2]).T))
+        """(N,) int64 order of people by their distance on the floor from the nearest camera, nearest first."""
+        away = poses[:, :2] - np.array([v.rays.centre_m[:2] for v in self.views])[:, None]
+        return np.argsort(np.hypot(away[..., 0], away[..., 1]).min(axis=0))
 
     def whole_patches(self, pose: F64) -> float:
         """Patches of a body that is wholly in view, a mean over the cameras."""
@@ -312,8 +324,8 @@ class Samples:
 
     def noise(self, pose: F64, curvature: F64) -> tuple[F64, float]:
         """Covariance (2, 2) of the place [m^2] and information on the height [1/m^2], from a curvature."""
-        s, (x, y) = self.arrays, pose[:2].tolist()
-        ax, ay = (x - float(s.rays[CX, 0]), y - float(s.rays[CY, 0])) if s.size[0] else (1.0, 0.0)
+        s, (x, y), (n, main, _) = self.arrays, pose[:2].tolist(), self.arrays.size.tolist()
+        ax, ay = (x - float(s.rays[CX, main]), y - float(s.rays[CY, main])) if n else (1.0, 0.0)
         norm = max(math.hypot(ax, ay), 1e-6)
         ax, ay = ax / norm, ay / norm
         va, vc = (max(1.0 / max(b, 5.0), PLACE_STD_MIN_M**2) for b in curvature[:2].tolist())

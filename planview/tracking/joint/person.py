@@ -95,8 +95,8 @@ class Person:
         patches: of the body in view in the last frame.
         head_in_view: whether the top of the head was inside of an image in the last frame.
         proven: log-odds of existence from independent evidence, see ``count_evidence``.
-        counted: by camera (H, W) uint8, 1 where a pixel has been evidence; empty before the first frame, and when
-            confirmed.
+        counted: by the camera's place in the rig (H, W) uint8, 1 where a pixel has been evidence; empty before the
+            first frame, and when confirmed.
     """
 
     track_id: int
@@ -132,7 +132,7 @@ class Person:
     patches: float = 0.0
     head_in_view: bool = False
     proven: float = BORN_LOG_ODDS
-    counted: dict[tuple[float, ...], U8] = field(default_factory=dict)
+    counted: dict[int, U8] = field(default_factory=dict)
 
     @classmethod
     def born(cls, pose: F64, noise: F64, up: float, log_odds: float, now_s: float) -> Self:
@@ -228,13 +228,13 @@ class Person:
         of those before it as the share of the body that is new. The first one found the person: the search spent it.
 
         Args:
-            owned: views, (M,) the person's pixels in each and (M,) the patches that each is.
+            owned: every view, (M,) the person's pixels in each and (M,) the patches that each is.
         """
         first, new_patches = not self.counted, 0.0
-        for view, pixels, patches in owned:
+        for camera, (view, pixels, patches) in enumerate(owned):
             if len(pixels) == 0:
                 continue
-            counted = self.counted.setdefault(view.rays.key, np.zeros(view.kind.shape, np.uint8))
+            counted = self.counted.setdefault(camera, np.zeros(view.kind.shape, np.uint8))
             per_pixel = float(patches.mean())
             fresh: U8 = np.zeros_like(counted)
             fresh.reshape(-1)[pixels] = 1

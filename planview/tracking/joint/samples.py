@@ -23,7 +23,6 @@ AT, THROUGH, BEFORE, REST, WHO = range(5)
 """Rows of ``SampleArrays.layers``."""
 CX, CY, CZ, EX, EY, COS, SIN, ACROSS, UP, AHEAD = range(10)
 """Rows of ``SampleArrays.rays``."""
-MAX_SAMPLES = 4000
 TINY = 1e-12
 AROUND_M = 0.25
 """Margin of samples beyond a body's reach [m]."""
@@ -139,6 +138,7 @@ class SampleArrays(NamedTuple):
         pixels: (N,) of PIXEL.
         layers: (N, 5, LAYERS + 1), ``counts`` (N,): other people on the ray, see ``lay_others``.
         which: (N,) samples on the body that is being tried.
+        size: (3,) how many hold; of the camera that gives most of them, the first and how many.
     """
 
     rays: F32
@@ -149,12 +149,12 @@ class SampleArrays(NamedTuple):
     size: I64
 
     @staticmethod
-    def of(people: int, n: int = MAX_SAMPLES) -> SampleArrays:
+    def of(people: int, n: int) -> SampleArrays:
         """Room for n samples of each of some people, of which none is there."""
         return SampleArrays(
             np.empty((people, 10, n), np.float32), np.empty((people, n), PIXEL),
             np.empty((people, n, 5, LAYERS + 1), np.float32), np.empty((people, n), np.int64),
-            np.empty((people, n), np.int64), np.zeros((people, 1), np.int64),
+            np.empty((people, n), np.int64), np.zeros((people, 3), np.int64),
         )  # fmt: skip
 
     def person(self, k: int) -> SampleArrays:
@@ -237,7 +237,7 @@ def _gather(pose: F64, reach_m: float, seen, samples, table, model) -> None:  # 
     depth = projection[2, 0] * pose[0] + projection[2, 1] * pose[1] + 0.5 * projection[2, 2] * pose[2]
     depth = max(depth + projection[2, 3], NEAREST_M)
     weight = (step / max(m.patch_m / (depth * math.sqrt(seen.rays.pixel_sr)), m.patch_px)) ** 2
-    n = samples.size[0]
+    first = n = samples.size[0]
     for r in range(r0 + (-r0) % step, r1 + 1, step):
         # In masks every other row half a step aside: edges of bodies are upright.
         shift = (r // step % 2) * (step // 2) if m.masks > 0.0 else 0
@@ -245,10 +245,16 @@ def _gather(pose: F64, reach_m: float, seen, samples, table, model) -> None:  # 
             ex, ey, cos, sin = level[r, c, 0], level[r, c, 1], level[r, c, 2], level[r, c, 3]
             far = (dx * ex + dy * ey) * cos - dz * sin
             if n < len(samples.pixels) and abs(dy * ex - dx * ey) <= half and far >= NEAREST_M:
-                spread = GOLDEN[0] * n % 1.0, GOLDEN[1] * n % 1.0
+                spread = GOLDEN[0] * (n - first) % 1.0, GOLDEN[1] * (n - first) % 1.0
                 _take(n, r, c, weight, spread, seen, samples, table, model)
                 n += 1
     samples.size[0] = n
+    if n > first:
+        rays, main, more = samples.rays, samples.size[1], n - first - samples.size[2]
+        here = rays[CX, first], rays[CY, first], rays[CZ, first]
+        there = rays[CX, main], rays[CY, main], rays[CZ, main]
+        if more > 0 or (more == 0 and here < there):  # of equally many one, whichever head is listed first
+            samples.size[1], samples.size[2] = first, n - first
 
 
 @njit(inline="always")

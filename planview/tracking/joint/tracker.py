@@ -232,11 +232,13 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         """Follow everybody into the next frame.
 
         Raises:
-            ValueError: an observation without the pixels that the cameras saw.
+            ValueError: an observation without the pixels that the cameras saw, or of other cameras than before.
         """
         if not observation.views:
             raise ValueError("expected the pixels that the cameras saw (Observation.views), found none")
-        dt, views = self._begin(observation.timestamp_s), observation.views
+        views = observation.views
+        self._births.prepare(views)
+        dt = self._begin(observation.timestamp_s)
         predicted = {person.track_id: person.kalman for person in self._people}
         frame = Explanation(views, self._likelihood)
         ratios = colour_ratios(self._people)

@@ -76,8 +76,10 @@ def test_height_is_masked_where_occupancy_is_low() -> None:
 
 
 def test_images_of_another_size_and_halls_too_large_are_refused():
-    with pytest.raises(ValueError, match="expected disparity and mask"):
-        MapBuilder(GEOMETRY, OVERHEAD)(np.zeros((47, 64), np.float32), np.zeros((47, 64), np.uint8))
+    builder, mask = MapBuilder(GEOMETRY, OVERHEAD), np.zeros((48, 64), np.uint8)
+    for disparity, image in (((47, 64), (48, 64)), ((48, 64), (47, 64, 3))):
+        with pytest.raises(ValueError, match="expected disparity, mask and image"):
+            builder(np.zeros(disparity, np.float32), mask, np.zeros(image, np.uint8))
     with pytest.raises(ValueError, match="at most"):
         Grid.covering(0.0, 0.0, 1000.0, 1000.0, 0.03)
 
@@ -141,6 +143,13 @@ def test_surface_of_one_head_counts_whole_and_heights_are_the_highest_of_all_hea
 def test_surface_of_a_body_is_what_the_best_head_sees(heads, area_m2):
     occupancy = joined(*heads).occupancy_raw
     assert occupancy.sum() == pytest.approx(area_m2, rel=0.01)
+
+
+def test_maps_do_not_depend_on_the_order_of_the_heads() -> None:
+    heads = side(0.0, -0.12), side(0.0, 0.12, 0.25), side(1.0, 1.0)
+    one, other = joined(*heads), joined(*heads[::-1])
+    np.testing.assert_array_equal(one.height_raw, other.height_raw)
+    np.testing.assert_allclose(one.occupancy, other.occupancy, rtol=1e-5)
 
 
 FIELDS = (

@@ -133,9 +133,11 @@ def test_reset_gives_the_same_tracks_again() -> None:
 
 
 def test_images_of_another_size_missing_foreground_and_the_map_of_another_camera_are_refused() -> None:
-    tracker, mask = HumanModelTracker(PARAMS, CAMERA, MAP), np.zeros((60, 80), np.uint8)
-    with pytest.raises(InputError, match=r"expected images of 160x120 px.*found 80x60"):
-        tracker.update(Observation(0, 0.0, (View.of_mask(mask, mask),)))
+    tracker = HumanModelTracker(PARAMS, CAMERA, MAP)
+    small, mask = np.zeros((60, 80), np.uint8), np.zeros((120, 160), np.uint8)
+    for view in (View.of_mask(small, small), View.of_mask(mask, mask, small)):
+        with pytest.raises(InputError, match=r"expected images of 160x120 px.*found 80x60"):
+            tracker.update(Observation(0, 0.0, (view,)))
     with pytest.raises(ValueError, match="foreground and motion"):
         tracker.update(Observation(0, 0.0))
     with pytest.raises(InputError, match="human model map"):

@@ -165,11 +165,12 @@ def test_points_of_a_surface_are_fresh_until_they_are_tried_and_again_when_it_mo
     seen = look_at(oblique_camera(), [ADULT])
     frame, births = explained(seen), Births(PARAMS)
     (owned,) = frame.assign_pixels(people_of())
+    births.prepare([seen])
     which, points = births._fresh(0, frame, owned)
     np.testing.assert_array_equal(which, np.arange(len(owned.pixels)))
     plain_points = seen.rays.centre_m + (seen.range_m[..., None] * towards(seen.rays)).reshape(-1, 3)[owned.pixels]
     np.testing.assert_allclose(points[:3].T, plain_points, atol=1e-4)
     np.testing.assert_array_equal(points[3:], [owned.lacking, owned.colours])
-    births._tried_m[seen.rays.key][:] = seen.range_m
-    births._tried_m[seen.rays.key].reshape(-1)[owned.pixels[0]] -= 5.0
+    births._tried_m[0][:] = seen.range_m
+    births._tried_m[0].reshape(-1)[owned.pixels[0]] -= 5.0
     assert births._fresh(0, frame, owned)[0].tolist() == [0]
