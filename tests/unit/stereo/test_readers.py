@@ -22,7 +22,7 @@ from stereo.readers.live import READER, without_password
 from stereo.readers.open import open_rigs
 from stereo.readers.pairing import even_sequence, pair_files
 from stereo.readers.video import VideoFile
-from stereo.recording import Decoded, FrameClock, LiveRecording, Video, prefetch
+from stereo.recording import Decoded, FrameClock, LiveRecording, OneCamera, Recording, prefetch
 
 
 @pytest.mark.parametrize("colour", [False, True])
@@ -60,7 +60,7 @@ def test_frames_whose_time_does_not_advance_are_skipped_with_the_reason(tmp_path
         for index in range(6) if indices is None else indices:
             yield (Decoded(index, times[index], image),)
 
-    video = Video(tmp_path, decode, 6, FrameClock(10.0), [], (W, H))
+    video = Recording(tmp_path, decode, 6, FrameClock(10.0), [], OneCamera((W, H)))
     assert [(frame.index, frame.timestamp_s) for frame in video] == [(0, 0.0), (1, 0.1), (5, 0.2)]
     assert [(skipped.index, skipped.why) for skipped in video.skipped] == [
         (2, "its time is nan"),

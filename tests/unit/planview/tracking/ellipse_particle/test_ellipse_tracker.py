@@ -225,7 +225,7 @@ def test_feedback_is_where_confirmed_people_are():
         min_size=1,
         max_size=12,
     ),
-    st.floats(0, 3),
+    st.floats(0.001, 3),
     st.booleans(),
 )
 def test_random_masks_and_times_give_finite_states(masks, dt, learn):
