@@ -248,6 +248,7 @@ class Recording(Generic[H]):
         head: what recorded it, with its calibration.
         skipped: frames passed over so far while iterating.
         options: what it was opened with.
+        files: of its images, in the order of the reader; none of live cameras.
     """
 
     path: Path
@@ -258,6 +259,7 @@ class Recording(Generic[H]):
     head: H
     skipped: list[Skipped] = field(default_factory=list, init=False)
     options: OpenOptions = field(default_factory=OpenOptions, kw_only=True)
+    files: Sequence[Path] = field(default=(), kw_only=True)
     name: str = field(default="", init=False)
     """Among several heads."""
     is_live: ClassVar = False

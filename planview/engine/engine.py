@@ -99,6 +99,9 @@ class Recording(Protocol):
     def skipped(self) -> Sequence[Skipped]: ...
 
     @property
+    def files(self) -> Sequence[Path]: ...
+
+    @property
     def notes(self) -> Sequence[str]: ...
 
     @property

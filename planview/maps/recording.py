@@ -102,7 +102,7 @@ class MapsRecording:
     Attributes:
         path: the file.
         head: the rig, its floor, the grid of the maps and the configuration.
-        n_frames, fps, skipped, notes, options: see ``stereo.recording.Recording``.
+        n_frames, fps, files, skipped, notes, options: see ``stereo.recording.Recording``.
     """
 
     name, is_live = "", False
@@ -110,7 +110,7 @@ class MapsRecording:
     def __init__(self, path: Path) -> None:
         """Read all but the points. Raises InputError: no such file, not a plan-view recording, cut short, damaged, or
         of another version."""
-        self.path = path
+        self.path, self.files = path, (path,)
         with _reading(path), opened(path) as file:
             _check_version(path, file)
             self.head = RecordedViews(_read_rig(file), str(file.attrs["config"]))

@@ -32,6 +32,7 @@ from calib.io import PART, reason, whole_file
 from calib.types import AnyArray
 from planview.output.folder import LOCK_NAME, PRODUCTS, HoldsResultsError, RunInfo, products_in, read_run_info, writing
 from planview.output.tables import is_as_marked
+from stereo.readers.images import SUFFIXES
 
 
 def difference(found: dict[str, Any], expected: dict[str, Any]) -> str:
@@ -82,30 +83,21 @@ def digest_of(values: object) -> str:
 
 
 _NO_CONTENT = re.compile("|".join(map(translate, ("truth.csv", "gt.txt", ".*", LOCK_NAME, *PRODUCTS))))
-_TEXTS = frozenset((
-    "", ".csv", ".toml", ".yml", ".yaml", ".json", ".txt", ".conf", ".xml", ".md", ".rst", ".html", ".pdf", ".log",
-))  # fmt: skip
 
 
-def content_key(path: Path, *, texts: bool = True) -> str:
-    """Digest of a recording's file or folder: names, sizes and sampled content, without truth, hidden files, and
-    results of runs and studies; without calibrations, times and other ``texts`` where these do not count.
+def content_key(path: Path, files: Sequence[Path] | None = None) -> str:
+    """Digest of a recording: names, sizes and sampled content of its files, or where none are given of all at a path,
+    without truth, hidden files, and results of runs and studies.
 
-    Of a large file 16 blocks count, of a folder's images at most 64: a change that keeps every size and lies between
-    all samples is not noticed. Raises InputError: no such file, or it cannot be read.
+    Of a large file 16 blocks count, and at most 64 images: a change that keeps every size and lies between all samples
+    is not noticed. Raises InputError: no such file, or it cannot be read.
     """
     try:
-        if path.is_file():
-            return key_of(_sampled(path))
-        if not path.is_dir():
-            raise InputError(f"{path}: expected a recording, found no such file or folder")
-        files = sorted(_content(path), key=lambda file: file.relative_to(path).as_posix())
-        images = [file for file in files if file.suffix.lower() not in _TEXTS]
-        files = files if texts else images
+        files = sorted(_content(path)) if files is None else files
+        images = [file for file in files if file.suffix.lower() in SUFFIXES]
         left_out = set(images) - set(images[:: -(-len(images) // 64) or 1])
-        names = [os.fsencode(file.relative_to(path)).hex() for file in files]
         contents = [(file.stat().st_size, "" if file in left_out else _sampled(file)) for file in files]
-        return key_of([[name, *content] for name, content in zip(names, contents, strict=True)])
+        return key_of([[os.path.relpath(file, path), *held] for file, held in zip(files, contents, strict=True)])
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({reason(error)})") from error
 
@@ -115,12 +107,22 @@ def key_of(*parts: object) -> str:
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:32]
 
 
-def _content(folder: Path) -> Iterator[Path]:
-    for parent, folders, names in os.walk(folder, followlinks=True):
-        folders[:] = [
+def _content(path: Path) -> Iterator[Path]:
+    """A file, or the files of a folder, in which links may lead back: each real folder counts once."""
+    if path.is_file():
+        yield path
+    elif not path.is_dir():
+        raise InputError(f"{path}: expected a recording, found no such file or folder")
+    seen: set[str] = set()
+    for parent, folders, names in os.walk(path, followlinks=True):
+        if (real := os.path.realpath(parent)) in seen:
+            folders.clear()
+            continue
+        seen.add(real)
+        folders[:] = sorted(
             name for name in folders
             if not name.startswith(".") and not any(Path(parent, name, f).is_file() for f in ("run.json", "study.json"))
-        ]  # fmt: skip
+        )  # fmt: skip
         for name in names:
             if not _NO_CONTENT.match(name) and Path(parent, name).is_file():
                 yield Path(parent, name)

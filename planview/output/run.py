@@ -331,12 +331,11 @@ def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str]) -> di
     rules = counts and {"rules": replace(counts.rules, source=""), "params": counts.params}
     camera, floor = engine.camera_info(), engine.floor_info()
     named = {"calibration": True, "heads": {"__all__": {"calibration"}}}
-    right = recording.options.right
     return {
         "version": resume.library_versions() | {"planview": resume.code_version()},
         "configuration": engine.config.model_dump(mode="json"),
         "recording": {
-            "images": [resume.content_key(p, texts=False) for p in (recording.path, right) if p and p.exists()],
+            "images": resume.content_key(recording.path, recording.files),
             "calibration": resume.calibration_key(recording),
             "frames": recording.n_frames,
             "fps": recording.fps,

@@ -55,11 +55,12 @@ class Message(NamedTuple):
 
 
 class Bag(NamedTuple):
-    """Files of messages: topics by name (several connections of one count as one); the messages of a topic by the time
-    of recording, from a time on [ns] or all, each call opening the files again, so that threads do not meet; and what
-    must live as long as the files."""
+    """Files of messages: where they are; topics by name (several connections of one count as one); the messages of a
+    topic by the time of recording, from a time on [ns] or all, each call opening the files again, so that threads do
+    not meet; and what must live as long as the files."""
 
     path: Path
+    files: Sequence[Path]
     topics: tuple[Topic, ...]
     messages: Callable[..., Iterator[Message]]
     kept: object
@@ -100,7 +101,7 @@ def open_bag(path: Path, kind: str) -> Bag:
         "ros1": ("a ROS 1 bag", "rosbag reindex"), "mcap": ("an MCAP file", "mcap recover"),
     }.get(kind, ("a ROS 2 bag", "ros2 bag reindex"))  # fmt: skip
     try:
-        files = [path] if kind else [file for file in entries(path) if file.name.endswith(STORAGES)]
+        stored = files = [path] if kind else [file for file in entries(path) if file.name.endswith(STORAGES)]
         if not files:
             raise ValueError("no .db3 or .mcap file in it")
         unpacked = TemporaryDirectory()
@@ -117,7 +118,7 @@ def open_bag(path: Path, kind: str) -> Bag:
         for name, schema, count in source.topics():
             counts[name] = schema, count + counts.get(name, ("", 0))[1]
         topics = (Topic(name, kind_of(counts[name][0]), counts[name][1], counts[name][0]) for name in sorted(counts))
-        return Bag(path, tuple(topics), source.messages, unpacked)
+        return Bag(path, stored, tuple(topics), source.messages, unpacked)
     except InputError:
         raise
     except Exception as error:  # libraries raise whatever a damaged file provokes
@@ -276,7 +277,7 @@ class TopicImages:
     def frames(self, places: I64, pixels: Colour | Depths, sample: Sequence[Stored]) -> Images:
         """The images in the order of the recording (arguments of ``Images``)."""
         name, where = self.topic.name, f"{self.bag.path}: {self.topic.name}"
-        return Images(where, places, pixels, self.at, lambda place: f"a message of {name}", sample)
+        return Images(where, places, pixels, self.at, lambda place: f"a message of {name}", sample, self.bag.files)
 
     def _read(self, stream: Iterator[Message], skip: int) -> Stored:
         try:

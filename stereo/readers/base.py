@@ -55,12 +55,14 @@ class FrameSource(ItemSource, Protocol):
         n_frames: frames announced; the iteration may end earlier.
         fps: nominal rate, NaN when the files hold none.
         raw: pictures without a container, whose rate and times the decoder makes up.
+        files: that hold them; none of live cameras.
     """
 
     size: Size
     n_frames: int
     fps: float
     raw: bool
+    files: Sequence[Path]
 
 
 def together(*sources: ItemSource) -> Callable[[Sequence[int] | None], Generator[Any, None, None]]:

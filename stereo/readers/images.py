@@ -114,6 +114,7 @@ class Stream:
         n_frames: images that are there.
         times_s: (n_frames,) float64 [s] since the recording's first stamp, in order; None without stamps of its own.
         pixels: what a pixel is, e.g. "grey", "colour", "grey, 12 bits in 16".
+        files: of its images, in order; none of live cameras.
     """
 
     name: str
@@ -121,6 +122,7 @@ class Stream:
     n_frames: int
     times_s: F64 | None = None
     pixels: str = ""
+    files: Sequence[Path] = ()
 
 
 class Images:
@@ -132,6 +134,7 @@ class Images:
         read: gives the values at places in turn.
         name: what the image at a place is called in messages.
         sample: some of them, of which the first that fits gives their size.
+        files: that hold them.
     """
 
     fps, raw = math.nan, False
@@ -144,6 +147,7 @@ class Images:
         read: Callable[[Iterable[int]], Iterator[Stored]],
         name: Callable[[int], str],
         sample: Iterable[Stored],
+        files: Sequence[Path],
     ) -> None:
         first, self.n_frames, why = None, len(places), ""
         for one in sample:
@@ -155,11 +159,11 @@ class Images:
             raise InputError(f"{where}: expected {pixels.name}, found none of {self.n_frames} that can be read{why}")
         pixels.prepare(first)
         self.size, self.pixels = (first.shape[1], first.shape[0]), pixels
-        self._places, self._read, self._name = places, read, name
+        self._places, self._read, self._name, self.files = places, read, name, files
 
     def stream(self, name: str, n_frames: int, times_s: F64 | None = None) -> Stream:
         """What is found of this camera (see ``Stream``)."""
-        return Stream(name, self.size, n_frames, times_s, self.pixels.text)
+        return Stream(name, self.size, n_frames, times_s, self.pixels.text, self.files)
 
     def __iter__(self) -> Iterator[Decoded]:
         return self.at(range(self.n_frames))
@@ -199,6 +203,7 @@ def images_of(files: Sequence[Path | None], pixels: Colour | Depths) -> Images:
         lambda places: (stored_in(paths[place], decoded) for place in places),
         lambda place: f"{paths[place].parent.name}/{paths[place].name}",
         (stored_in(file, decoded) for file in there),
+        there,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
 from itertools import count, islice
@@ -32,6 +32,7 @@ class LiveSource:
     the stream while these increase, else when they came."""
 
     n_frames, fps, raw, is_grey = 0, NOMINAL_FPS, False, False
+    files: Sequence[Path] = ()
 
     def __init__(self, address: str) -> None:
         self._address = address

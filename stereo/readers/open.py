@@ -121,8 +121,10 @@ def find_layout(path: Path | str, options: OpenOptions | None = None) -> tuple[b
 
 def open_any(path: Path | str, options: OpenOptions | None = None) -> base.AnyRecording:
     """Open a recording of any kind, with its calibration (same errors as ``open_recording``)."""
-    recording = find_layout(path, options)[1].open()
+    layout = find_layout(path, options)[1]
+    recording = layout.open()
     recording.options = options or OpenOptions()
+    recording.files = list(dict.fromkeys(file for stream in layout.streams for file in stream.files))
     return recording
 
 
@@ -167,7 +169,8 @@ def open_video(path: Path | str, options: OpenOptions | None = None) -> Recordin
     if not files and (tracks := video_tracks(videos[0])) > 1:
         notes.append(f"{tracks} video tracks in the file: the first is read")
     head = OneCamera(source.size)
-    return Recording(path, base.together(source), source.n_frames, clock, notes, head, options=options)
+    each = base.together(source)
+    return Recording(path, each, source.n_frames, clock, notes, head, options=options, files=source.files)
 
 
 class SeveralHeads:
@@ -178,8 +181,8 @@ class SeveralHeads:
         parts: the recording of each head on its own clock, in the order of ``rigs.toml``; their ``world_SE3_left`` is
             that of the common world.
         starts_s: when the first frame of each was taken, on the common clock [s].
-        n_frames, fps, skipped, notes, options: see ``stereo.recording.Recording``; moments at the rate of the slowest
-            head.
+        n_frames, fps, files, skipped, notes, options: see ``stereo.recording.Recording``; moments at the rate of the
+            slowest head.
     """
 
     is_live = False
@@ -201,6 +204,11 @@ class SeveralHeads:
 
     def __repr__(self) -> str:
         return f"SeveralHeads({str(self.path)!r}, {len(self.parts)} heads, {self.n_frames} frames)"
+
+    @property
+    def files(self) -> list[Path]:
+        """Of the images of all heads."""
+        return [file for part in self.parts for file in part.files]
 
     @property
     def skipped(self) -> list[Skipped]:

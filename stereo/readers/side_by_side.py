@@ -149,7 +149,7 @@ def packed_layout(
         rectified, assumed = rectified_rig(rectified_of, own)
         order = find_order(shared.matches, own, rectified)
     pixels, stored = "grey" if is_grey(pictures[0]) else "colour", packing.stored(source.size)
-    streams = tuple(Stream(name, stored, source.n_frames, None, pixels) for name in ("left", "right"))
+    streams = tuple(Stream(name, stored, source.n_frames, None, pixels, source.files) for name in ("left", "right"))
     notes = [f"the views lie {packing}"] if packing != (False, False) else []
     if order and order.swapped:
         near = f"{order.nearer:.0%} of the matched corners are then nearer than infinity"

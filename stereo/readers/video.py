@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from itertools import takewhile
@@ -37,6 +37,7 @@ class VideoFile:
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        self.files: Sequence[Path] = (path,)
         capture = _open(path)
         with path.open("rb") as file:
             self.raw = file.read(4).startswith(_RAW)
@@ -259,11 +260,14 @@ def video_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenO
         elif not (a.raw or b.raw):
             pairs = _by_time(*own_s)
         if pairs:
-            timed = tuple(Stream(name, size, len(s), s) for name, s in zip(("left", "right"), own_s, strict=True))
+            each_s = zip(("left", "right"), (a, b), own_s, strict=True)
+            timed = tuple(Stream(name, size, len(s), s, files=source.files) for name, source, s in each_s)
             placed = base.together(_PlacedVideo(a, pairs.left), _PlacedVideo(b, pairs.right))
             each, clock = base.FramePairs(placed, len(pairs.left), pairs.unpaired), base.clock_of_pairs(pairs, options)
             return base.stereo_layout(path, each, timed, clock, rig, (), folder, other)
-    streams = tuple(Stream(name, size, source.n_frames) for name, source in (("left", a), ("right", b)))
+    streams = tuple(
+        Stream(name, size, source.n_frames, files=source.files) for name, source in (("left", a), ("right", b))
+    )
     clock = base.clock_of(folder, options, min(a.n_frames, b.n_frames), a.fps, a.raw)
     each = base.FramePairs(base.together(a, b), max(a.n_frames, b.n_frames))
     return base.stereo_layout(path, each, streams, clock, rig, (), folder, other)

@@ -22,6 +22,7 @@ class CrossingVideo:
     skipped: tuple[Skipped, ...] = ()
     notes: tuple[str, ...] = ()
     options, is_live = OpenOptions(), False
+    files: tuple[Path, ...] = ()
 
     @property
     def parts(self) -> tuple["CrossingVideo"]:

@@ -108,12 +108,14 @@ def test_another_recording_or_option_is_not_resumed_with(cli, refused, copy, tmp
     assert "expected the beginning of this run, found another" in output
 
 
-def test_a_run_resumes_with_a_new_read_me_and_with_its_rules_under_another_name(copy, tmp_path, rules):
+def test_a_run_resumes_with_new_files_next_to_its_images_and_with_its_rules_under_another_name(copy, tmp_path, rules):
     config = load_config(None, [FEW])
     with pytest.raises(StoppedError):
         run(open_engine(copy, config=config), tmp_path / "out", options_with(rules), (), stop_at(5))
     (copy / "README.md").write_text("# What this is\n")
     (copy / "notes.txt").write_text("rain\n")
+    (copy / "hall.jpg").write_bytes(b"a picture of the place")
+    (copy / "loop").symlink_to(".")
     renamed = rules.rename(rules.with_name("door.toml"))
     identity = run_identity(open_engine(copy, config=config), options_with(renamed), [])
     assert checkpoint_of(tmp_path / "out", identity, print) is not None

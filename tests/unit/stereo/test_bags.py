@@ -152,6 +152,7 @@ def test_data_that_unpack_without_end_are_refused(tmp_path, monkeypatch, make):
     path = make(tmp_path)
     _, layout = find_layout(path)
     assert layout.n_frames >= 2 and layout.streams[0].size == (W, H)
+    assert [file.is_file() for file in layout.streams[0].files] == [True]
     monkeypatch.setattr(bag_files, "MAX_UNPACKED_BYTES", 100)
     with pytest.raises(InputError, match="compressed data of more than"):
         find_layout(path)

@@ -111,6 +111,19 @@ def test_videos_are_read_and_grey_detected_and_the_shorter_trims_the_pair(tmp_pa
     assert recording.n_frames == 8 and [s.index for s in recording.skipped] == list(range(right, 8))
 
 
+@pytest.mark.parametrize(
+    ("make", "names"),
+    [
+        (lambda folder: open_recording(folder_recording(folder)), [f"000{n % 6}.png" for n in range(12)]),
+        (lambda folder: open_recording(video_pair(folder, (8, 5))), ["left.avi", "right.avi"]),
+        (lambda folder: open_video(video_pair(folder, (8, 5)) / "left.avi"), ["left.avi"]),
+    ],
+    ids=["folders", "two videos", "one video"],
+)
+def test_recording_lists_the_files_of_its_images(tmp_path: Path, make, names: list[str]) -> None:
+    assert [file.name for file in make(tmp_path).files] == names
+
+
 def test_truncated_video_ends_early_with_a_note(tmp_path: Path) -> None:
     video_pair(tmp_path, (30, 30), 320, 240)
     data = (tmp_path / "right.avi").read_bytes()

@@ -50,6 +50,14 @@ def test_key_is_that_of_the_content_without_truth_hidden_files_or_results(record
         content_key(tmp_path / "none")
 
 
+def test_key_takes_each_folder_once_where_links_lead_back(recording: Path) -> None:
+    for n in range(12):
+        (recording / f"loop{n}").symlink_to(".")
+    before = content_key(recording)
+    (recording / "left" / "0.png").write_text("tfel")
+    assert content_key(recording) != before
+
+
 def test_key_of_a_large_file_depends_on_its_first_and_last_bytes_and_size(tmp_path: Path) -> None:
     path, size = tmp_path / "left.mp4", 40 * 64 * 1024
     keys = set()
