@@ -298,9 +298,13 @@ class Analytics(Carried):
             *(Wire(*self._settled(rule, p.hysteresis_m)) for rule in rules.tripwires),
             *(Area(*self._settled(rule, p.zone_hysteresis_m)) for rule in rules.zones),
         ]
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everybody."""
         self._of_id: dict[int, CountedPerson] = {}
-        self.stays: dict[str, list[Stay]] = {zone.name: [] for zone in rules.zones}
-        self.people: dict[str, int] = dict.fromkeys((rule.name for rule in (*rules.tripwires, *rules.zones)), 0)
+        self.stays: dict[str, list[Stay]] = {zone.name: [] for zone in self.rules.zones}
+        self.people: dict[str, int] = dict.fromkeys((rule.name for rule in self._rules), 0)
 
     def update(self, frame: int, timestamp_s: float, tracks: Sequence[TrackState]) -> tuple[Event, ...]:
         """Take one frame's tracks and return the events that have become certain, by time.

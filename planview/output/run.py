@@ -234,6 +234,8 @@ class _Run:
             tables = RunTables(self._folder, analytics is not None, marks)
             stack.callback(tables.close)
             self._engine.reset()
+            if analytics is not None:
+                analytics.reset()
             if checkpoint is not None:
                 self._set_state(resume.decode(checkpoint.state))
             is_live = recording.is_live

@@ -85,6 +85,13 @@ def test_a_resumed_run_writes_what_an_uninterrupted_one_writes(engine, tmp_path,
     assert {file.name for file in stopped.iterdir()} == {file.name for file in alone.iterdir()}
 
 
+def test_a_second_run_with_the_same_rules_counts_from_the_beginning(engine, tmp_path, rules):
+    options = options_with(rules)
+    assert run(engine, tmp_path / "whole", options).counts["rules"]["all"]["people"] > 0
+    options.max_frames = 3  # before anybody is confirmed
+    assert run(engine, tmp_path / "few", options).counts["rules"]["all"]["people"] == 0
+
+
 def folder_of(folder: Path) -> Path:
     folder.mkdir(exist_ok=True)
     return folder
