@@ -7,7 +7,7 @@ import math
 from collections import deque
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -120,6 +120,7 @@ class Wire:
         return left / unit, np.where(np.isfinite(x + y + unit), ahead / self._length, np.nan)
 
 
+@dataclass(eq=False)
 class WireState:
     """One person at one wire.
 
@@ -128,43 +129,47 @@ class WireState:
     is dropped when the person comes back through the wire, since the jump was an error of measurement then.
     """
 
-    stay: Stay | None = None  # nobody stays on a line
-
-    def __init__(self, wire: Wire) -> None:
-        self._wire = wire
-        self._last: Sight | None = None
-        self._side = 0  # 1 left, -1 right, 0 not yet observed far enough from the line
-        self._net = 0  # steps through the wire since then, 1 to the left, -1 to the right
-        self._step = 0, 0.0, False  # the last of them: first frame after it, moment, whether too fast for a person
-        self._crossed_s = -math.inf
-        self._waiting: tuple[Passage, float] | None = None  # a crossing in a jump, and how long it waits [s]
+    hysteresis_m: float
+    min_age_s: float
+    last: Sight | None = None
+    side: int = 0
+    """1 left, -1 right, 0 not yet observed far enough from the line."""
+    net: int = 0
+    """Steps through the wire since then, 1 to the left, -1 to the right."""
+    step: tuple[int, float, bool] = (0, 0.0, False)
+    """The last of them: first frame after it, moment, whether too fast for a person."""
+    crossed_s: float = -math.inf
+    waiting: tuple[Passage, float] | None = None
+    """A crossing in a jump, and how long it waits [s]."""
+    stay: ClassVar[None] = None
+    """Nobody stays on a line."""
 
     def update(self, frame: int, timestamp_s: float, side_m: float, along: float) -> Passage | None:
         """The crossing that is certain now; dated to when the line was passed."""
         if not math.isfinite(along):
             return None
-        last, now, side = self._last, Sight(frame, timestamp_s, side_m, along), 1 if side_m >= 0 else -1
-        self._last, crossing = now, None
+        last, now, side = self.last, Sight(frame, timestamp_s, side_m, along), 1 if side_m >= 0 else -1
+        self.last, crossing = now, None
         is_over = last is not None and (last.inside_m >= 0) != (side_m >= 0)
         # Beyond the ends of the wire its extension is passed, which does not count.
         if last and is_over and 0.0 <= last.along + last.share_to(now) * (along - last.along) <= 1.0:
             step_m, step_s = abs(side_m - last.inside_m), timestamp_s - last.timestamp_s
-            self._step = *last.passed(now), step_m > JUMP_M and step_m > JUMP_MPS * step_s
-            self._net += side
-        if abs(side_m) >= self._wire.hysteresis_m:
-            if self._side == -side and self._net * side > 0:
-                first, moment, is_jump = self._step
+            self.step = *last.passed(now), step_m > JUMP_M and step_m > JUMP_MPS * step_s
+            self.net += side
+        if abs(side_m) >= self.hysteresis_m:
+            if self.side == -side and self.net * side > 0:
+                first, moment, is_jump = self.step
                 crossing = Passage(first, moment, "crossing", "right_to_left" if side > 0 else "left_to_right")
-                if self._waiting is not None:
-                    crossing = self._waiting = None
+                if self.waiting is not None:
+                    crossing = self.waiting = None
                 elif is_jump:  # soon after a crossing it is likely to be its undoing
-                    is_soon = moment - self._crossed_s <= UNDO_S
-                    self._waiting, crossing = (crossing, UNDO_S if is_soon else self._wire.min_age_s), None
-            self._side, self._net = side, 0
-        if self._waiting is not None and timestamp_s - self._waiting[0].timestamp_s >= self._waiting[1]:
-            crossing, self._waiting = self._waiting[0], None
+                    is_soon = moment - self.crossed_s <= UNDO_S
+                    self.waiting, crossing = (crossing, UNDO_S if is_soon else self.min_age_s), None
+            self.side, self.net = side, 0
+        if self.waiting is not None and timestamp_s - self.waiting[0].timestamp_s >= self.waiting[1]:
+            crossing, self.waiting = self.waiting[0], None
         if crossing is not None:
-            self._crossed_s = crossing.timestamp_s
+            self.crossed_s = crossing.timestamp_s
         return crossing
 
 
@@ -202,33 +207,33 @@ class Area:
         return self._outline.depth(x, y) / unit, np.where(known, margin, np.nan)
 
 
+@dataclass(eq=False)
 class AreaState:
     """One person at one zone. ``stay`` is the current one, None outside."""
 
-    def __init__(self) -> None:
-        self._last: Sight | None = None
-        self._passed: tuple[int, float] = (0, 0.0)
-        self.stay: Stay | None = None
+    last: Sight | None = None
+    passed: tuple[int, float] = (0, 0.0)
+    stay: Stay | None = None
 
     def update(self, frame: int, timestamp_s: float, depth_m: float, margin_m: float) -> Passage | None:
         """An entry or exit once the person is far enough in or out, dated to when the outline was passed."""
         if not math.isfinite(margin_m):
             return None
-        now, before = Sight(frame, timestamp_s, depth_m), self._last
+        now, before = Sight(frame, timestamp_s, depth_m), self.last
         if before is not None and (before.inside_m >= 0) != (depth_m >= 0):
-            self._passed = before.passed(now)
-        self._last = now
+            self.passed = before.passed(now)
+        self.last = now
         if self.stay is None:
             if before is None and depth_m >= 0:
                 self.stay = Stay(timestamp_s, timestamp_s, entered=False)
             elif depth_m >= margin_m:
-                self.stay = Stay(self._passed[1], timestamp_s, entered=True)
-                return Passage(*self._passed, "entry")
+                self.stay = Stay(self.passed[1], timestamp_s, entered=True)
+                return Passage(*self.passed, "entry")
             return None
         if depth_m <= -margin_m and depth_m < 0:
-            self.stay.end_s, self.stay.left = self._passed[1], True
+            self.stay.end_s, self.stay.left = self.passed[1], True
             self.stay = None
-            return Passage(*self._passed, "exit")
+            return Passage(*self.passed, "exit")
         self.stay.end_s = timestamp_s
         return None
 
@@ -290,6 +295,7 @@ class Analytics(Carried):
     """
 
     CARRIED = "_of_id", "stays", "people"
+    RECORDS = CountedPerson, WireState, AreaState, Sight, Passage, Event, Stay, TrackRow
 
     def __init__(self, rules: Rules, params: AnalyticsParams | None = None) -> None:
         self.rules = rules
@@ -351,9 +357,10 @@ class Analytics(Carried):
         for row in sorted([row for row in rows if row.observed], key=precedence):
             person = of_id.get(row.track_id) or self._stitched(timestamp_s, row, present)
             if person is None or person in present:
-                person = CountedPerson(
-                    row.track_id, [WireState(rule) if isinstance(rule, Wire) else AreaState() for rule in self._rules]
-                )
+                person = CountedPerson(row.track_id, [
+                    WireState(rule.hysteresis_m, rule.min_age_s) if isinstance(rule, Wire) else AreaState()
+                    for rule in self._rules
+                ])  # fmt: skip
             of_id[row.track_id] = person
             person.observe(timestamp_s, row)
             present[person] = None

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
-from calib.carried import Carried
+from calib.carried import Carried, plain, restored
 from calib.errors import InputError
 from calib.types import F32
 from planview.checks.check import Check
@@ -239,16 +239,17 @@ class Engine:
         self._reset_heads()
 
     def state(self) -> dict[str, dict[str, Any]]:
-        """By name of the part and of the value, all that is carried from frame to frame. Raises TypeError: a tracker
-        of one's own without ``state``."""
-        parts = {name: part.state() for name, part in self._memory().items()}
-        return {"engine": {"last_s": self._last_s}, **parts}
+        """A copy of all that is carried from frame to frame, by name of the part and of the value. Raises TypeError: a
+        tracker of one's own without ``state``, or with one that is not plain."""
+        parts = self._memory().items()
+        state = {name: part.state() if isinstance(part, Carried) else plain(part.state()) for name, part in parts}
+        return {"engine": {"last_s": self._last_s}, **state}
 
     def set_state(self, state: Mapping[str, Mapping[str, Any]]) -> None:
-        """Resume from the state of an engine that was made with the same arguments."""
+        """Resume from a copy of the state of an engine that was made with the same arguments."""
         self._last_s = state["engine"]["last_s"]
         for name, part in self._memory().items():
-            part.set_state(state[name])
+            part.set_state(state[name] if isinstance(part, Carried) else restored(state[name]))
 
     def _memory(self) -> dict[str, Carried]:
         tracker: Any = self.tracker

@@ -58,6 +58,7 @@ class Foreground(Carried):
         "shadow", "shows", "_model", "_exposure", "_rebased", "_first_s", "_now_s", "_learned_s", "_frame", "_usual",
         "_shown_s",
     )  # fmt: skip
+    RECORDS = kernels.PixelMixtures, Exposure
 
     def __init__(
         self,

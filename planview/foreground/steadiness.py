@@ -9,6 +9,7 @@ from enum import Enum
 import cv2
 import numpy as np
 
+from calib.carried import Carried
 from calib.types import F32, F64, U8, Bool
 
 THUMBNAIL = (160, 120)
@@ -46,7 +47,7 @@ class Steady(Enum):
     """Nothing of the view before the break has shown for BREAK_MAX_S, and another one shows."""
 
 
-class Steadiness:
+class Steadiness(Carried):
     """Watches the frames of one camera: ``update`` once per frame, in order.
 
     Attributes:

@@ -1,8 +1,6 @@
 """What a run is made of, and checkpoints: where an interrupted run resumes.
 
-A checkpoint holds named values (``calib.carried``) as JSON and arrays. Numbers and texts become themselves, all else
-``{kind: content}``; an object in two places is one again. No code is taken from a file: classes are found by name among
-those of the project, instances are made without calling anything of theirs, and attributes are set.
+A checkpoint holds plain values (``calib.carried``) as JSON and arrays, no code and no classes.
 """
 
 from __future__ import annotations
@@ -13,9 +11,7 @@ import json
 import os
 import platform
 import re
-import sys
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from fnmatch import translate
@@ -33,6 +29,7 @@ from calib.types import AnyArray
 from planview.output.folder import LOCK_NAME, PRODUCTS, HoldsResultsError, RunInfo, products_in, read_run_info, writing
 from planview.output.tables import is_as_marked
 from stereo.readers.images import SUFFIXES
+from stereo.recording import Pair
 
 
 def difference(found: dict[str, Any], expected: dict[str, Any]) -> str:
@@ -65,14 +62,13 @@ def library_versions() -> dict[str, str]:
 
 
 def calibration_key(recording: Any) -> str:
-    """Digest of what a recording was opened with, besides its images: cameras and times of every rig, by number."""
+    """Digest of what a recording was opened with, besides its images: cameras and times of every head, by number."""
     parts = []
-    for one in getattr(recording, "rigs", [None]):
-        opened = recording if one is None else one.recording
-        rig = getattr(opened, "rig", None)
-        known = [getattr(opened, name, None) for name in ("camera", "sensor", "times_s")]
-        parts.append([rig and replace(rig, source=""), *known, getattr(one, "start_s", 0.0)])
-    return digest_of(parts)
+    for part in recording.parts:
+        rig = part.head.rig if isinstance(part.head, Pair) else None
+        known = [getattr(part.head, name, None) for name in ("camera", "sensor")]
+        parts.append([rig and replace(rig, source=""), *known, getattr(part, "times_s", None)])
+    return digest_of([parts, getattr(recording, "starts_s", ())])
 
 
 def digest_of(values: object) -> str:
@@ -139,116 +135,6 @@ def _sampled(path: Path, whole_bytes: int = 256 * 1024, block_bytes: int = 64 * 
     return digest.hexdigest()
 
 
-PACKAGES = frozenset({"calib", "stereo", "planview"})
-PLAIN = (type(None), bool, int, float, str)
-_GROUPS: dict[str, type[Any]] = {"list": list, "set": set, "tuple": tuple, "frozenset": frozenset}
-
-
-class SavedState(NamedTuple):
-    """A value as JSON, in which numbers stand for the arrays that go with it."""
-
-    document: Any
-    arrays: list[AnyArray]
-
-
-def encode(value: object) -> SavedState:
-    """A value and all that it holds. Raises TypeError: something of a class that is not the project's, with the place
-    where it was found."""
-    arrays: list[AnyArray] = []
-    return SavedState(_encoded(value, "", arrays, {}), arrays)
-
-
-def _encoded(value: Any, path: str, arrays: list[AnyArray], known: dict[int, int]) -> Any:
-    """``known``: numbers of the objects so far, by their id."""
-
-    def every(values: Any) -> list[Any]:
-        return [_encoded(held, f"{path}[{n}]", arrays, known) for n, held in enumerate(values)]
-
-    def named(values: Mapping[Any, Any]) -> list[Any]:
-        return [_encoded(held, f"{path}.{name}".strip("."), arrays, known) for name, held in values.items()]
-
-    cls = type(value)
-    if cls in PLAIN:
-        return value
-    if cls is dict:
-        return {"dict": [every(value), named(value)]}
-    if cls in _GROUPS.values():
-        return {cls.__name__: every(value)}
-    if cls is deque:
-        return {"deque": [every(value), value.maxlen]}
-    if (cls is np.ndarray or isinstance(value, np.generic)) and not value.dtype.hasobject:
-        arrays.append(np.array(value))
-        return {"array" if cls is np.ndarray else "scalar": len(arrays) - 1}
-    if cls is np.random.Generator:
-        return {"generator": _encoded(dict(value.bit_generator.state), path, arrays, known)}
-    name = f"{cls.__module__}:{cls.__qualname__}"
-    if _named(name) is not cls:
-        raise TypeError(f"{path} is of class {cls.__module__}.{cls.__qualname__}, which a checkpoint cannot hold")
-    if isinstance(value, tuple):
-        return {"record": [name, every(value)]}
-    if id(value) in known:
-        return {"same": known[id(value)]}
-    known[id(value)] = len(known)
-    held = {slot: getattr(value, slot) for slot in getattr(cls, "__slots__", ()) if slot != "__dict__"}
-    held |= getattr(value, "__dict__", {})
-    return {"object": [name, dict(zip(held, named(held), strict=True))]}
-
-
-def decode(state: SavedState) -> Any:
-    """The value that ``encode`` took, made by the same code. Raises ValueError: a class that is not the project's."""
-    return _decoded(state.document, state.arrays, [])
-
-
-def _decoded(value: Any, arrays: Sequence[AnyArray], known: list[Any]) -> Any:
-    """``known``: the objects so far."""
-
-    def every(values: Sequence[Any]) -> list[Any]:
-        return [_decoded(held, arrays, known) for held in values]
-
-    if type(value) in PLAIN:
-        return value
-    ((kind, content),) = value.items()
-    if kind in _GROUPS:
-        return _GROUPS[kind](every(content))
-    if kind in ("array", "scalar"):
-        return arrays[content] if kind == "array" else arrays[content][()]
-    if kind == "same":
-        return known[content]
-    if kind == "generator":
-        generator = np.random.default_rng()
-        generator.bit_generator.state = _decoded(content, arrays, known)
-        return generator
-    first, second = content
-    if kind == "dict":
-        return dict(zip(every(first), every(second), strict=True))
-    if kind == "deque":
-        return deque(every(first), second)
-    if kind == "record":
-        return tuple.__new__(_class_of(first), every(second))
-    made = object.__new__(_class_of(first))
-    known.append(made)
-    for name, held in second.items():  # also of frozen classes
-        object.__setattr__(made, name, _decoded(held, arrays, known))
-    return made
-
-
-def _named(name: str) -> Any:
-    """The object called "module:qualified name" in a loaded module of the project; None for all others."""
-    module, _, path = name.partition(":")
-    found: Any = sys.modules.get(module) if module.partition(".")[0] in PACKAGES else None
-    for part in path.split("."):
-        found = getattr(found, part, None)
-    return found
-
-
-def _class_of(name: str) -> Any:
-    """A class from a file, found among those that are loaded; nothing is imported for it."""
-    found = _named(name)
-    if not isinstance(found, type) or f"{found.__module__}:{found.__qualname__}" != name:
-        raise ValueError(f"expected a class of planview, found {name!r}")
-    return found
-
-
 CHECKPOINT = "checkpoint.npz"
 DIGEST_BYTES = 32
 """After the archive its digest, so that a changed file is noticed."""
@@ -260,15 +146,20 @@ class Checkpoint(NamedTuple):
 
     identity: dict[str, Any]
     written: dict[str, Any]
-    state: SavedState
+    state: dict[str, Any]
 
 
 def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
     """Write a checkpoint in the place of the one before. Raises WorkError: it cannot be written, and that is kept."""
-    (identity, written, state), path, archive = checkpoint, folder / CHECKPOINT, io.BytesIO()
-    document = {"identity": identity, "written": written, "state": state.document}
-    arrays: dict[str, Any] = {f"array{n}": array for n, array in enumerate(state.arrays)}
-    np.savez(archive, document=np.frombuffer(json.dumps(document).encode(), dtype=np.uint8), **arrays)
+    path, archive, arrays = folder / CHECKPOINT, io.BytesIO(), dict[str, Any]()
+
+    def named(array: AnyArray) -> dict[str, str]:
+        name = f"array{len(arrays)}"
+        arrays[name] = array
+        return {"<array>": name}
+
+    document = json.dumps(checkpoint, default=named)
+    np.savez(archive, document=np.frombuffer(document.encode(), dtype=np.uint8), **arrays)
     data = archive.getvalue()
     with writing(path), whole_file(path) as part:
         part.write_bytes(data + _digest(data))
@@ -281,9 +172,11 @@ def read_checkpoint(path: Path) -> Checkpoint:
     if _digest(data) != content[-DIGEST_BYTES:]:
         raise ValueError("not as it was written")
     with np.load(io.BytesIO(data), allow_pickle=False) as file:
-        document = json.loads(file["document"].tobytes())
-        arrays = [file[f"array{n}"] for n in range(len(file.files) - 1)]
-    return Checkpoint(document["identity"], document["written"], SavedState(document["state"], arrays))
+
+        def value(found: dict[str, Any]) -> Any:
+            return file[found["<array>"]] if "<array>" in found else found
+
+        return Checkpoint(*json.loads(file["document"].tobytes(), object_hook=value))
 
 
 def _digest(data: bytes) -> bytes:

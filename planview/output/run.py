@@ -144,6 +144,7 @@ TIMES_MAX = 4096
 class RunTotals(Carried):
     """What a run has counted so far."""
 
+    RECORDS = (Event,)
     frames: int = 0
     last_frame: int = -1
     tracks: int = 0
@@ -217,6 +218,9 @@ class _Run:
         self._engine, self._folder, self._options = engine, folder, options
         self._logs = {type(log).__name__: log for log in logs}
         self._totals, self._started = RunTotals(), time.monotonic()
+        self._carried: dict[str, Any] = {"engine": engine, "totals": self._totals}
+        if options.analytics is not None:
+            self._carried["analytics"] = options.analytics
         self._info = _info_of(engine, options)
         self._identity: dict[str, Any] | None = None
         self._checks = RunChecks(engine, options.strict)
@@ -233,11 +237,10 @@ class _Run:
             marks = checkpoint and checkpoint.written["tables"]
             tables = RunTables(self._folder, analytics is not None, marks)
             stack.callback(tables.close)
-            self._engine.reset()
-            if analytics is not None:
-                analytics.reset()
-            if checkpoint is not None:
-                self._set_state(resume.decode(checkpoint.state))
+            for name, part in self._carried.items():
+                part.reset()
+                if checkpoint is not None:
+                    part.set_state(checkpoint.state[name])
             is_live = recording.is_live
             every_s = 0.0 if is_live else options.checkpoint_every_s
             marked_s = time.monotonic()
@@ -264,24 +267,13 @@ class _Run:
             raise WorkError(f"{recording.path}: none of {recording.n_frames} frames can be used{why}")
         self._checks.refuse()
 
-    def _state(self) -> dict[str, object]:
-        analytics = self._options.analytics
-        counted = {} if analytics is None else {"analytics": analytics.state()}
-        totals = self._totals.state() | {"elapsed_s": self._elapsed_s()}
-        return {"engine": self._engine.state(), "totals": totals, **counted}
-
-    def _set_state(self, state: dict[str, Any]) -> None:
-        self._engine.set_state(state["engine"])
-        self._totals.set_state(state["totals"])
-        if self._options.analytics is not None:
-            self._options.analytics.set_state(state["analytics"])
-
     def _mark(self, tables: RunTables) -> bool:
         """Write all that a checkpoint refers to, the checkpoint, then run.json; False when the engine holds what a
         checkpoint cannot (a tracker from elsewhere)."""
         written = {"tables": tables.mark(), "logs": {name: log.mark() for name, log in self._logs.items()}}
+        self._totals.elapsed_s, self._started = self._elapsed_s(), time.monotonic()
         try:
-            state = resume.encode(self._state())
+            state = {name: part.state() for name, part in self._carried.items()}
         except TypeError as error:
             warnings.warn(f"this run writes no checkpoints: {error}", stacklevel=2)
             return False

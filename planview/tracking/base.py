@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
 import numpy as np
 
+from calib.carried import Carried
 from calib.errors import InputError
 from calib.floor_camera import FloorCamera
 from calib.types import F32, U8
@@ -263,12 +264,14 @@ class Existence:
         return "lost" if self.lost else "confirmed"
 
 
-class TrackLog:
+class TrackLog(Carried):
     """Ids, and the decisions of the current frame.
 
     Attributes:
         now_s: time of the current frame [s].
     """
+
+    CARRIED = "_tentative", "_confirmed", "now_s"
 
     def __init__(self) -> None:
         self.reset()

@@ -128,6 +128,8 @@ class DetectionTracker(_OfDetections[Detected]):
     is in view and not behind another.
     """
 
+    RECORDS = Detected, Existence, FloorKalman
+
     def __init__(self, detections: Detections, params: DetectionParams, camera: GroundCamera) -> None:
         super().__init__(detections)
         self.params, self.camera = params, camera
@@ -342,6 +344,8 @@ class BoxTracker(_OfDetections[BoxTrack]):
         detections: boxes of every frame; every box counts as sure where they are not scored.
         edge: deviation of a box's centre and sides, as a share of its height.
     """
+
+    RECORDS = BoxTrack, Existence
 
     def __init__(self, detections: Detections, edge: float) -> None:
         super().__init__(detections)

@@ -216,6 +216,35 @@ def test_an_engine_with_a_tracker_that_gives_no_state_has_none() -> None:
         engine_of(CrossingVideo(), BrightestInImage()).state()
 
 
+class Remembering(BrightestInImage):
+    """Hands out the list that it goes on with."""
+
+    def __init__(self) -> None:
+        self.times_s: list[float] = []
+
+    def update(self, observation: Observation) -> tuple[TrackState, ...]:
+        self.times_s.append(observation.timestamp_s)
+        return ()
+
+    def state(self) -> dict[str, list[float]]:
+        return {"times_s": self.times_s}
+
+    def set_state(self, state: dict[str, list[float]]) -> None:
+        self.times_s = state["times_s"]
+
+
+def test_the_state_of_an_engine_is_a_copy_whatever_its_tracker_hands_out() -> None:
+    tracker = Remembering()
+    engine = engine_of(CrossingVideo(), tracker)
+    first, second, third, *_ = engine.recording
+    engine.step(first)
+    state = engine.state()
+    for frame in (second, third):
+        engine.step(frame)
+        engine.set_state(state)
+        assert tracker.times_s == [0.0]
+
+
 @pytest.fixture
 def clip(tmp_path: Path) -> Path:
     for i in range(3):

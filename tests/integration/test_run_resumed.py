@@ -1,9 +1,10 @@
 """``planview run``, stopped in its middle and resumed: the results of a run that was left alone."""
 
-import json
 from collections.abc import Callable
 from contextlib import suppress
+from copy import deepcopy
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,13 +21,18 @@ from planview.engine.open import engine_of, open_engine
 from planview.engine.setup import set_up
 from planview.maps.recording import MapsRecording
 from planview.output.folder import read_run_info, rrd_parts
-from planview.output.resume import CHECKPOINT, SavedState, checkpoint_of, decode, difference, encode
+from planview.output.resume import CHECKPOINT, Checkpoint, checkpoint_of, difference, read_checkpoint, write_checkpoint
 from planview.output.run import RunOptions, run, run_identity
 from planview.output.tables import MapsLog
+from planview.tracking.base import ImageTracker, Tracker
+from planview.tracking.detections import BoxTracker, DetectionParams, DetectionTracker
 from planview.tracking.ellipse_particle import EllipseParticleTracker
 from planview.tracking.human_model import HumanModelParams
 from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map
 from planview.tracking.human_model.tracker import HumanModelTracker
+from planview.tracking.joint import JointTracker
+from planview.tracking.template import TemplateTracker
+from planview.trajectories.boxes import Detections
 
 RULES = (
     '[[zone]]\nname = "all"\npolygon_m = [[-9, -9], [9, -9], [9, 9], [-9, 9]]\nmin_age_s = 0.0\n'
@@ -219,40 +225,42 @@ PARAMS = HumanModelParams(map=HumanModelMapParams(min_height_px=12))
 MAP = build_model_map(CAMERA, params=PARAMS.map)
 
 
-def through_a_file(state: SavedState) -> SavedState:
-    """As it comes back: JSON, and memory of its own."""
-    return SavedState(json.loads(json.dumps(state.document)), [array.copy() for array in state.arrays])
+def through_a_file(state: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """As it comes back from a checkpoint."""
+    write_checkpoint(folder, Checkpoint({}, {}, state))
+    return read_checkpoint(folder / CHECKPOINT).state
 
 
-def assert_resumes(make: Callable[[], Engine], moments: tuple[int, ...]) -> None:
-    """Resume a run at each of the moments (frames) and compare all that follows, bit for bit."""
+def assert_resumes(make: Callable[[], Engine], moments: tuple[int, ...], folder: Path) -> None:
+    """Resume a run at each of the moments (frames), in another engine by a checkpoint, then twice in the same engine,
+    and compare all that follows, bit for bit."""
     engine = make()
     engine.reset()
     lines, saved = [], {}
     for n, result in enumerate(engine.after(-1)):
         lines.append(repr((result.frame, result.tracks, result.decisions)))
         if n in moments:
-            saved[n] = result.frame, through_a_file(encode(engine.state()))
+            saved[n] = result.frame, engine.state()
     assert any("confirmed" in line for line in lines)
     for n, (frame, memory) in saved.items():
-        fresh = make()
-        fresh.reset()
-        fresh.set_state(decode(memory))
-        assert [repr((r.frame, r.tracks, r.decisions)) for r in fresh.after(frame)] == lines[n + 1 :]
+        for again, state in ((make(), through_a_file(memory, folder)), (engine, memory), (engine, memory)):
+            again.set_state(state)
+            assert [repr((r.frame, r.tracks, r.decisions)) for r in again.after(frame)] == lines[n + 1 :]
 
 
 def moments(seed: int, first: int, last: int, count: int = 3) -> tuple[int, ...]:
     return tuple(int(n) for n in np.random.default_rng(seed).integers(first, last, count))
 
 
-def test_a_stereo_engine_resumes(engine: Engine) -> None:
+@pytest.mark.parametrize("tracker", [JointTracker, TemplateTracker])
+def test_a_stereo_engine_resumes(engine: Engine, tmp_path: Path, tracker: Callable[[], Tracker]) -> None:
     c, setup = engine.config, set_up(engine.recording, engine.config)
-    assert_resumes(lambda: engine_of(engine.recording, "joint", c, setup=setup), moments(1, 8, 35))
+    assert_resumes(lambda: engine_of(engine.recording, tracker(), c, setup=setup), moments(1, 8, 35), tmp_path)
 
 
 @pytest.mark.slow
-def test_the_engine_of_two_rigs_resumes(engine: Engine, heads: Path) -> None:
-    assert_resumes(lambda: open_engine(heads, config=engine.config), moments(5, 8, 35, 2))
+def test_the_engine_of_two_rigs_resumes(engine: Engine, heads: Path, tmp_path: Path) -> None:
+    assert_resumes(lambda: open_engine(heads, config=engine.config), moments(5, 8, 35, 2), tmp_path)
 
 
 def test_the_engine_of_recorded_maps_resumes(engine: Engine, tmp_path: Path) -> None:
@@ -264,16 +272,27 @@ def test_the_engine_of_recorded_maps_resumes(engine: Engine, tmp_path: Path) -> 
     def make() -> Engine:
         return engine_of(MapsRecording(tmp_path / "maps.h5"))
 
-    assert_resumes(make, moments(2, 8, 35))
+    assert_resumes(make, moments(2, 8, 35), tmp_path)
 
 
-def test_the_engine_of_one_camera_resumes() -> None:
+def test_the_engine_of_one_camera_resumes(tmp_path: Path) -> None:
     def make() -> Engine:
         return engine_of(CrossingVideo(), HumanModelTracker(PARAMS, CAMERA, MAP), camera=CAMERA)
 
-    assert_resumes(make, moments(3, 2, 58))
+    assert_resumes(make, moments(3, 2, 58), tmp_path)
 
 
 @pytest.mark.parametrize("overview", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_the_ellipse_engine_of_one_camera_resumes(overview: bool) -> None:
-    assert_resumes(lambda: engine_of(CrossingVideo(), EllipseParticleTracker(), study=overview), moments(4, 2, 58))
+def test_the_ellipse_engine_of_one_camera_resumes(overview: bool, tmp_path: Path) -> None:
+    def make() -> Engine:
+        return engine_of(CrossingVideo(), EllipseParticleTracker(), study=overview)
+
+    assert_resumes(make, moments(4, 2, 58), tmp_path)
+
+
+BOXES = Detections.of([np.array([[10.0 + 2 * n, 20.0, 20.0, 60.0, 0.9]]) for n in range(60)])
+
+
+@pytest.mark.parametrize("tracker", [BoxTracker(BOXES, 0.05), DetectionTracker(BOXES, DetectionParams(), CAMERA)])
+def test_the_engine_of_boxes_resumes(tracker: ImageTracker, tmp_path: Path) -> None:
+    assert_resumes(lambda: engine_of(CrossingVideo(), deepcopy(tracker)), moments(6, 2, 58), tmp_path)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from calib.carried import Carried
 from calib.types import F64, I64, U8, Bool
 from planview.tracking import body
 from planview.tracking.ellipse_particle.size import Size
@@ -27,12 +28,14 @@ COVER_ROWS = 16
 """Rows in which what an ellipse covers is summed."""
 
 
-class ParticleFilter:
+class ParticleFilter(Carried):
     """Samples of the state of all objects (equation 9), equally weighted between frames.
 
     Attributes:
         particles: (P, N, 7) float64, columns ``X`` to ``ANGLE``.
     """
+
+    CARRIED = "particles", "_surprise", "_rng"
 
     def __init__(self, count: int, speed_mps: float, rng: np.random.Generator) -> None:
         """Args: speed_mps: deviation of each velocity component of a new object."""

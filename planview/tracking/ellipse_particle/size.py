@@ -8,6 +8,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from calib.carried import Carried
 from calib.ground_camera import GroundCamera
 from calib.types import F64, U8, Bool
 from planview.tracking.body import HEIGHT_MEAN_M
@@ -97,7 +98,7 @@ def height_of(camera: GroundCamera, floor: F64, top_row: float) -> float:
     return float(np.interp(top_row, rows[seen][order], heights[seen][order])) if seen.sum() > 1 else math.nan
 
 
-class SizeLearner:
+class SizeLearner(Carried):
     """Learns a line of length over the rows of the feet from regions that move and were there in the frame before.
 
     Lines through pairs of regions, and level ones, are judged by the density of all lengths: a whole region is one

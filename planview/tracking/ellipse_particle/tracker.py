@@ -122,6 +122,7 @@ class EllipseParticleTracker(Carried):
         "_cycle", "_filter", "_objects", "_states", "_learner", "_size_px", "_studied", "_image_size", "_shape",
         "_mask", "_measured",
     )  # fmt: skip
+    RECORDS = Tracked, Existence, Size
 
     def __init__(
         self, params: EllipseParticleParams | None = None, camera: GroundCamera | None = None, seed: int = 0

@@ -18,10 +18,11 @@ from planview.tracking import body
 from planview.tracking.base import NO_BOX, DecisionKind, Drawing, Needs, Observation, TrackerDebug
 from planview.tracking.human_model.explanation import HumanModelParams, MaskExplanation, likelihood_of_masks
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
-from planview.tracking.human_model.walker import CORE_WIDTH, FloorPlaces, Walker, births, matches
+from planview.tracking.human_model.walker import CORE_WIDTH, FloorPlaces, ModelMatch, Walker, births, matches
 from planview.tracking.joint.explanation import Owned, People
 from planview.tracking.joint.person import side_by_side
 from planview.tracking.joint.tracker import ExplainingTracker
+from planview.tracking.kalman import FloorKalman
 from planview.trajectories.state import TrackState
 
 WALKER_M = 2.0
@@ -46,6 +47,7 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
 
     CARRIED = (*ExplainingTracker.CARRIED, "_known_pixels", "_still_s", "_hides")
     needs: Needs = "image"
+    RECORDS = (Walker, FloorKalman, ModelMatch)
     foreground_columns: int | None = None
 
     def __init__(self, params: HumanModelParams, camera: GroundCamera, model_map: HumanModelMap | None = None) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from calib.carried import Carried
 from calib.types import F32, F64, I64
 from planview.maps.view import CODES, View
 from planview.tracking import body
@@ -32,8 +33,10 @@ SEARCH_PRIOR = about(body.TORSO.torso_radius_m, 1.0)
 """Prior of a search: the place within a body's radius, and the height within a metre."""
 
 
-class Births:
+class Births(Carried):
     """Tries one more person wherever enough pixels lack an explanation."""
+
+    CARRIED = ("_tried_m",)
 
     def __init__(self, params: JointParams) -> None:
         self._params = params

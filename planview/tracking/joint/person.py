@@ -11,6 +11,7 @@ from typing import Self, TypeVar
 import cv2
 import numpy as np
 
+from calib.carried import Carried
 from calib.types import F32, F64, I64, U8
 from planview.maps.view import CODES, View, smoothing
 from planview.tracking import body
@@ -304,8 +305,10 @@ def side_by_side(people: Sequence[Person], ratios: F32 | None = None) -> People:
 P = TypeVar("P", bound=Person)
 
 
-class Exchanges:
+class Exchanges(Carried):
     """Evidence, forgotten with ``lag_s``, that two people who were in contact have each other's place."""
+
+    CARRIED = ("_evidence",)
 
     def __init__(self, params: PeopleParams) -> None:
         self._params = params

@@ -8,7 +8,7 @@ from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
 
-from calib.carried import Carried
+from calib.carried import Carried, Records
 from calib.types import F32, F64, U8, Bool
 from planview.maps.view import CODES
 from planview.tracking import body
@@ -61,6 +61,7 @@ class ExplainingTracker(Carried, Generic[P, Q]):
     """
 
     CARRIED: ClassVar[tuple[str, ...]] = ("_people", "_departed", "_exchanges", "_log")
+    RECORDS: ClassVar[Records] = (Person, FloorKalman)
 
     def __init__(self, params: Q) -> None:
         self.params = params

@@ -161,6 +161,7 @@ class TemplateTracker(Carried):
 
     needs: Needs = "maps"
     CARRIED = "_people", "_life"
+    RECORDS = MapPerson, Existence, FloorKalman
 
     def __init__(self, params: TemplateParams | None = None, height_max_m: float = 2.4) -> None:
         self.params = params or TemplateParams()
