@@ -214,10 +214,12 @@ class Foreground(Carried):
         if image.dtype != np.uint8 or image.shape[:2] != self.shape or image.shape[2:] not in ((), (1,), (3,)):
             raise ValueError(f"expected a {self.shape} uint8 image, grey or BGR, got {image.shape} {image.dtype}")
         image = np.ascontiguousarray(image).reshape(*self.shape, -1)
-        some = image[::SAMPLED, ::SAMPLED]
-        spread = some.max(axis=2) - some.min(axis=2)
+        if image.shape[2] == 1:
+            return image
+        planes = np.ascontiguousarray(image[::SAMPLED, ::SAMPLED].transpose(2, 0, 1))
+        spread = planes.max(axis=0) - planes.min(axis=0)
         is_grey = np.count_nonzero(spread > GREY_LEVELS) <= GREY_SHARE * spread.size
-        return np.ascontiguousarray(image[..., 1:2]) if is_grey and image.shape[2] == 3 else image
+        return np.ascontiguousarray(image[..., 1:2]) if is_grey else image
 
     @property
     def exposure(self) -> Exposure:
