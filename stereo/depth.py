@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar, cast, overload
+from typing import TYPE_CHECKING, NamedTuple, TypeVar, cast, overload
 
 import cv2
 import numpy as np
@@ -152,9 +152,24 @@ class RectifiedGeometry:
         return math.hypot(depth * depth * self.depth_std_per_m2, self.depth_std_min_m)
 
 
+class Matched(NamedTuple):
+    """A disparity and the pair in which it was found.
+
+    Attributes:
+        left, right: (h, w) uint8, the pair's samples, each the mean of 5x5.
+        disparity: (h, w) float32 of the left samples [px], NaN where unknown.
+        kept: pairs since then, in which nothing has moved.
+    """
+
+    left: U8
+    right: U8
+    disparity: F32
+    kept: int
+
+
 @dataclass(frozen=True, eq=False)
 class Depth:
-    """A rectified frame and how far away its pixels are, which depends on no other frame.
+    """A rectified frame and how far away its pixels are.
 
     Attributes:
         image: (h, w[, 3]) uint8, the (left) image at the size of analysis.
@@ -162,6 +177,7 @@ class Depth:
         step: rows and columns of the rectified image to one of these.
         greys: both rectified images, (H, W) uint8; None without a pair.
         picture: makes the rectified (left) image, (H, W[, 3]) uint8, in which boxes of people are.
+        matched: how the disparity was matched, for the next frame; None where nothing was, or by another matcher.
     """
 
     image: U8
@@ -169,6 +185,7 @@ class Depth:
     step: int
     greys: tuple[U8, U8] | None
     picture: Callable[[], U8]
+    matched: Matched | None = None
 
     @staticmethod
     def of_whole(left: U8, disparity: F32, step: int, greys: tuple[U8, U8] | None = None) -> Depth:

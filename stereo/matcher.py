@@ -14,7 +14,7 @@ from calib.kernels import kernel
 from calib.params import Params
 from calib.rig import Floor
 from calib.types import F32, U8, AnyArray
-from stereo.depth import RectifiedGeometry, sample_means, whole_samples
+from stereo.depth import Matched, RectifiedGeometry, sample_means, whole_samples
 
 STEP = 16
 """SGBM counts disparities in multiples of 16, and returns sixteenths of a pixel."""
@@ -116,6 +116,13 @@ ANALYSIS_PX = 320
 """Width near which images are reduced for the semi-global search: Harville's (2002, section 5)."""
 EVEN_SIDE = 9
 """Side of the samples in which both cameras' brightness is made equal."""
+STILL_LEVEL = 6
+"""Where the means of 5x5 samples differ by less from those last matched, nothing has moved [grey levels]. Noise and
+compression of real cameras reach 3 to 5 in an empty view; an edge of 30 levels reaches 6 when it moves by one sample,
+about 2 cm at 4 m."""
+KEPT_MAX = 3
+"""Most pairs in a row that keep a disparity. The background learns how much disparities vary from their noise, which a
+kept one hides; at 30 frames per second each of its pixels learns from every fourth frame only."""
 SLOPE_NOISE = 12.0
 """Squared slopes that 5x5 samples of noise alone add up to [grey levels^2 / px^2]: .7 of a level each."""
 
@@ -181,14 +188,23 @@ class SgbmMatcher:
         shape = self.geometry.height, self.geometry.width
         if left_grey.shape != shape or right_grey.shape != shape or left_grey.dtype != np.uint8:
             raise ValueError(f"expected two {shape} uint8 images, got {left_grey.shape} and {right_grey.shape}")
-        samples, n = self.sampled(left_grey, right_grey), self.step
+        samples, n = self.matched(left_grey, right_grey).disparity, self.step
         return np.repeat(np.repeat(samples, n, axis=0), n, axis=1)[: shape[0], : shape[1]]
 
-    def sampled(self, left_grey: U8, right_grey: U8) -> F32:
-        """(h, w) float32 disparity of the samples [px], from images as of a call. Not in several threads at once."""
-        n = self.step
-        left, right = sample_means(left_grey, n), sample_means(right_grey, n)
-        start = self._coarse(left, right)
+    def matched(self, left_grey: U8, right_grey: U8, last: Matched | None = None) -> Matched:
+        """The disparity of the samples, from images as of a call; that of the last pair while nothing at all has moved
+        since it was found. Not in several threads at once."""
+        left, right = sample_means(left_grey, self.step), sample_means(right_grey, self.step)
+        smooth_left, smooth_right = (np.asarray(cv2.blur(samples, (5, 5)), np.uint8) for samples in (left, right))
+        if last is not None and last.kept < KEPT_MAX:
+            changes = cv2.absdiff(smooth_left, last.left), cv2.absdiff(smooth_right, last.right)
+            if max(int(change.max()) for change in changes) < STILL_LEVEL:
+                return last._replace(kept=last.kept + 1)
+        return Matched(smooth_left, smooth_right, self._disparity(left_grey, right_grey, left, right), 0)
+
+    def _disparity(self, left_grey: U8, right_grey: U8, left: U8, right: U8) -> F32:
+        """(h, w) float32 disparity of the samples [px], from images as of a call and their samples."""
+        n, start = self.step, self._coarse(left, right)
         coarse = left, _means(right_grey, n)
         refined = self._refined(*coarse, start, n, max(1, n // 2))
         if n <= 2:

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from calib.errors import InputError
-from stereo.depth import Depth
+from stereo.depth import Depth, Matched
 from stereo.matcher import BODY_LAG, DisparityRange, Matcher, SgbmMatcher, SgbmParams
 from stereo.recording import Shot
 from stereo.rectify import Rectifier
@@ -23,9 +23,9 @@ def _unrecorded(_stage: str) -> None:
 
 
 class Measure(Protocol):
-    """Gives the depth of a shot, which depends on no other frame."""
+    """Gives the depth of a shot; ``last`` is how that of the shot before was matched."""
 
-    def __call__(self, shot: Shot, record: Record = _unrecorded) -> Depth: ...
+    def __call__(self, shot: Shot, record: Record = _unrecorded, last: Matched | None = None) -> Depth: ...
 
 
 class PairMeasure:
@@ -38,7 +38,7 @@ class PairMeasure:
         masks = rectifier.mask, rectifier.right_mask
         self._sgbm = SgbmMatcher(rectifier.geometry, sgbm, searched, *masks, step, BODY_LAG)
 
-    def __call__(self, shot: Shot, record: Record = _unrecorded) -> Depth:
+    def __call__(self, shot: Shot, record: Record = _unrecorded, last: Matched | None = None) -> Depth:
         """Rectify and match a left and a right image, (H, W) or (H, W, 3) uint8 as recorded. Raises InputError: another
         kind of shot, or what one's own matcher gives is no disparity. ValueError: images of another size."""
         if len(shot) != 2 or any(image.dtype != np.uint8 for image in shot):
@@ -47,7 +47,8 @@ class PairMeasure:
             pair = self._rectifier.reduced(*shot, self._step)
             record("rectify")
             greys = pair.left_grey, pair.right_grey
-            depth = Depth(pair.image, self._sgbm.sampled(*greys), self._step, greys, pair.picture)
+            matched = self._sgbm.matched(*greys, last)
+            depth = Depth(pair.image, matched.disparity, self._step, greys, pair.picture, matched)
         else:
             pair = self._rectifier(*shot)
             record("rectify")
@@ -65,7 +66,7 @@ class SensorMeasure:
     def __init__(self, rectifier: RgbdRectifier, step: int) -> None:
         self._rectifier, self._step = rectifier, step
 
-    def __call__(self, shot: Shot, record: Record = _unrecorded) -> Depth:
+    def __call__(self, shot: Shot, record: Record = _unrecorded, last: Matched | None = None) -> Depth:
         """Take the distortion out of an image, (H, W) or (H, W, 3) uint8, and its depth, (H, W) float32 [m]. Raises
         InputError: another kind of shot. ValueError: images of another size."""
         if len(shot) != 2 or shot[1].dtype != np.float32:

@@ -154,9 +154,12 @@ class Engine:
     def after(self, frame: int) -> Iterator[FrameResult]:
         """Go on tracking after a frame, with the memory of the frames up to it."""
         measured = self._measured(frame)
-        with closing(prefetch(measured, self.ahead) if self.ahead else measured) as frames:
-            for each in frames:
-                yield self._track(*each)
+        try:
+            with closing(prefetch(measured, self.ahead) if self.ahead else measured) as frames:
+                for each in frames:
+                    yield self._track(*each)
+        finally:
+            self._forget_ahead()
 
     def step(self, frame: Frame[Any]) -> FrameResult:
         """Track the next frame, of the kind that ``recording`` gives; frames come in order.
@@ -178,7 +181,7 @@ class Engine:
             clock = StageClock()
 
     def _measure(self, frame: Frame[Any], clock: StageClock) -> Measured:
-        """What depends on no other frame; it may run ahead in a thread of its own."""
+        """What depends on no tracking; it may run ahead in a thread of its own."""
         if len(frame.shots) != len(self.heads):
             raise InputError(f"frame: expected shots of {len(self.heads)} heads, found {len(frame.shots)}")
         pairs = zip(self.heads, frame.shots, strict=True)
@@ -257,6 +260,12 @@ class Engine:
             raise TypeError(f"{type(tracker).__name__} has no state() and set_state()")
         memory = {f"{name}{n}": part for n, head in enumerate(self.heads) for name, part in head.memory().items()}
         return {"tracker": tracker, **memory}
+
+    def _forget_ahead(self) -> None:
+        """The heads remember what was tracked; who leaves an iteration early may have measured more."""
+        for head in self.heads:
+            for part in head.memory().values():
+                part.set_state(part.state())
 
     def _reset_heads(self) -> None:
         for head in self.heads:

@@ -35,7 +35,7 @@ from planview.maps.recording import RecordedPoints
 from planview.maps.view import MapBuilder, View
 from planview.tracking.base import Decision, ImageTracker
 from planview.trajectories.state import TrackState
-from stereo.depth import Depth
+from stereo.depth import Depth, Matched
 from stereo.recording import Frame, Shot
 
 OWN_M = 0.6
@@ -102,7 +102,8 @@ class Head(Protocol):
     def checks(self) -> Sequence[Check]: ...
 
     def measure(self, shot: Any, clock: StageClock) -> Any:
-        """How far away what a shot shows is; what measures nothing gives back the shot. Depends on no other frame.
+        """How far away what a shot shows is; what measures nothing gives back the shot. Depends on no
+        tracking, since it runs ahead.
 
         Raises:
             InputError, ValueError: a shot of another kind of head, or images of another size.
@@ -123,7 +124,7 @@ class Head(Protocol):
         """By name, the objects that hold what is carried from frame to frame."""
 
 
-class RigHead:
+class RigHead(Carried):
     """A pair or a depth sensor above its floor.
 
     Attributes:
@@ -131,6 +132,10 @@ class RigHead:
     """
 
     ahead, records = 2, True
+    _measured_last: Matched | None
+    """How the last shot was matched, ahead of tracking."""
+    _tracked_last: Matched | None
+    """How that of the frame tracked last was: a resumed run continues from there."""
 
     def __init__(self, setup: Setup, config: Config, name: str = "") -> None:
         self.name, self.rig, self._measure = name, setup, setup.measure
@@ -141,6 +146,19 @@ class RigHead:
             config.foreground, self.maps.shape, geometry.disparity_std_per_px2, step, geometry.disparity_metre
         )
         self.feedback = Feedback(config.feedback)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last match."""
+        self._measured_last = self._tracked_last = None
+
+    def state(self) -> dict[str, Any]:
+        """How the frame tracked last was matched."""
+        return {"matched": None if self._tracked_last is None else list(self._tracked_last)}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Continue after the frame tracked last; what was measured ahead of it is forgotten."""
+        self._measured_last = self._tracked_last = state["matched"] and Matched(*state["matched"])
 
     @property
     def checks(self) -> list[Check]:
@@ -149,14 +167,17 @@ class RigHead:
         return [replace(check, name=named + check.name) for check in self.rig.checks]
 
     def measure(self, shot: Shot, clock: StageClock) -> Depth:
-        """Rectify a shot, and match the images of a pair."""
-        return self._measure(shot, clock.record)
+        """Rectify a shot, and match the images of a pair in which something has moved."""
+        depth = self._measure(shot, clock.record, self._measured_last)
+        self._measured_last = depth.matched
+        return depth
 
     def look(self, measured: Depth | None, frame: Frame[Shot], clock: StageClock) -> View:
         """Separate the foreground by colour and depth (Harville 2002, section 2), and put its pixels into the world
         (section 3)."""
         if measured is None:
             return View.unknown(self.maps.shape, rays=self.maps.rays)
+        self._tracked_last = measured.matched
         foreground, now_s = self.foreground, frame.timestamp_s
         mask = foreground.update(measured.image, measured.disparity, now_s, self.feedback.mask)
         clock.record("foreground")
@@ -175,7 +196,7 @@ class RigHead:
 
     def memory(self) -> dict[str, Carried]:
         """What is carried from frame to frame."""
-        return {"foreground": self.foreground, "feedback": self.feedback, "maps": self.maps}
+        return {"match": self, "foreground": self.foreground, "feedback": self.feedback, "maps": self.maps}
 
 
 class Feedback(Carried):

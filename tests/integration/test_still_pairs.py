@@ -1,0 +1,42 @@
+"""Pairs in which nothing moved keep their disparity, whether or not the run was interrupted."""
+
+import copy
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from calib.types import F32
+from planview.engine.engine import Engine, FrameResult
+
+
+def disparity_of(result: FrameResult) -> F32:
+    assert result.depth is not None
+    return result.depth.disparity
+
+
+@pytest.fixture(scope="module")
+def disparities(engine: Engine) -> list[F32]:
+    """Of all frames, without an interruption; the room is empty and still in the first ten."""
+    return [disparity_of(result) for result in engine]
+
+
+def test_four_pairs_of_an_empty_room_share_a_disparity_and_a_person_who_walks_is_matched(disparities):
+    matched = [n for n in range(1, len(disparities)) if disparities[n] is not disparities[n - 1]]
+    assert matched == [4, 8, *range(10, len(disparities))]
+
+
+@pytest.mark.parametrize("frame", [0, 4, 9, 10])
+def test_a_resumed_run_keeps_the_disparities_that_an_uninterrupted_one_keeps(engine, disparities, frame):
+    for result in engine:
+        if result.frame == frame:
+            state = copy.deepcopy(engine.state())
+    engine.reset()
+    engine.set_state(state)
+    np.testing.assert_array_equal([disparity_of(r) for r in engine.after(frame)], disparities[frame + 1 :])
+
+
+def test_an_iteration_that_was_left_early_continues_from_the_frame_tracked_last(engine, disparities):
+    for result in islice(engine, 9):  # the person of frame 10 has been measured
+        last = result.frame
+    np.testing.assert_array_equal([disparity_of(r) for r in engine.after(last)], disparities[last + 1 :])
