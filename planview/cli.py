@@ -31,7 +31,7 @@ COMMANDS = {
         "run": ("run", "Track people in a recording."),
     },
     "Results": {
-        "report": ("results", "Write the report of a run, or a page that compares several."),
+        "report": ("results", "Write the report of a run, and print what differs between several."),
         "view": ("results", "Open a run in the rerun viewer."),
         "render": ("results", "Draw a run as a video or a picture."),
         "plot": ("results", "Plot paths on the floor, speeds and counts of one or several runs."),

@@ -16,6 +16,7 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 from rich.progress import track
+from rich.table import Table
 
 from calib.errors import InputError, WorkError
 from calib.io import missing, reason
@@ -23,25 +24,23 @@ from planview.commands.options import Flag, frame_span, in_range, say
 from planview.output.folder import rrd_parts
 from planview.output.plot import PANELS, NamedTracks, Panel, figure_of, save_figure
 from planview.output.progress import PlainConsole
-from planview.output.report.page import write_report
+from planview.output.report.page import differing_settings, write_report
 from planview.output.run_folder import RunFolder
 from planview.trajectories.formats import load_tracks, load_truth, tracks_file, truth_file
 from planview.trajectories.plot import Colouring
 
 
-def report(*folders: Path, out: Path | None = None, truth: Path | None = None) -> None:
-    """Write report.html of a run again, or one page that compares several runs: settings, scores, errors.
+def report(*folders: Path, truth: Path | None = None) -> None:
+    """Write report.html of runs again; of several, also print the settings in which they differ.
 
     Example: planview report out
 
-    Example of a comparison: planview report out/narrow out/wide --out compare.html
+    Example of two runs and what differs between them: planview report out/narrow out/wide
 
     Parameters
     ----------
     folders
         Output folders of runs.
-    out
-        Page that compares them; compare.html here when not given. The page of one run is report.html in its folder.
     truth
         True people; truth.csv of each recording when not given.
     """
@@ -49,17 +48,14 @@ def report(*folders: Path, out: Path | None = None, truth: Path | None = None) -
         raise InputError("report needs the folder of a run")
     for file in filter(Path.is_file, folders):
         raise InputError(f"{file}: a file; report takes the folder of a run")
-    if len(folders) == 1 and out is not None:
-        raise InputError("--out is for a page of several runs; the page of one is report.html in its folder")
-    if len(folders) == 1:
-        page = write_report(folders[0], truth=truth)
-    else:
-        page = out or Path("compare.html")
-        page.parent.mkdir(parents=True, exist_ok=True)
-        from planview.sweep.results import write_comparison  # half a second
-
-        write_comparison(folders, page, truth)
-    say(page)
+    for folder in folders:
+        say(write_report(folder, truth=truth))
+    if len(folders) > 1:
+        rows = differing_settings([RunFolder(folder).info for folder in folders])
+        table = Table("setting", *map(str, folders), box=None, pad_edge=False)
+        for name, values in rows:
+            table.add_row(name, *values)
+        PlainConsole().print(table if rows else "the same settings")
 
 
 def plot(

@@ -1,4 +1,4 @@
-"""Runs compared: ``summary.csv``, configurations ranked with confidence intervals, and the page of them."""
+"""Results of a study: ``summary.csv``, configurations ranked with confidence intervals, and their page."""
 
 from __future__ import annotations
 
@@ -6,17 +6,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from planview.drawing.style import page_of
-from planview.evaluation.significant import SignificantError
-from planview.output.folder import write_result
-from planview.output.report.page import errors_of, figure_text, flat_settings, scores_of
-from planview.output.report.plots import COLOURS, Picture, floor_plot, new_figure, picture, plain_text, png_bytes
-from planview.output.run_folder import RunFolder
-from planview.sweep.study import FIGURES, Configuration, FigureName, Study, run_figures
+from planview.output.report.plots import COLOURS, Picture, new_figure, picture, plain_text, png_bytes
+from planview.sweep.study import FIGURES, Configuration, FigureName, Study
 
 if TYPE_CHECKING:
     from pandas import DataFrame, Series
@@ -242,88 +238,14 @@ def _pictures(study: Study, runs: Sequence[JobResult], ranking: Sequence[Ranked]
     return pictures
 
 
-class SharedError(NamedTuple):
-    """An error with its note in every run that makes it."""
-
-    frame: int
-    kind: str
-    person: str
-    notes: list[str]
-
-
 def study_page(study: Study, runs: Sequence[JobResult], ranking: Sequence[Ranked], title: str) -> str:
     """The page of a study as text."""
     stopped = f", {study.frames} frames of each recording" if study.frames else ""
     about = f"{study.tracker}, {study.method}{stopped}, ranked by {FIGURES[study.objective].label}"
-    return _page(runs, ranking, study.objective, title=title, about=about, pictures=_pictures(study, runs, ranking))
-
-
-def write_comparison(folders: Sequence[Path], path: Path, truth: Path | None = None) -> None:
-    """Write a page that compares runs of a recording: a configuration each, named by the settings that differ.
-
-    Args:
-        folders: of runs, at least one.
-        path: of the page.
-        truth: file of the true people; ``truth.csv`` of each recording where not given.
-    Raises:
-        InputError: a folder without tracks, or a file that cannot be read.
-        WorkError: the page cannot be written.
-    """
-    names, folders_of = _names(folders), [RunFolder(folder, truth) for folder in folders]
-    scores = [scores_of(run) for run in folders_of]
-    errors = [errors_of(known) for known in scores]
-    runs = [
-        JobResult(run.info.input, Configuration((f"run={name}", *differing)), 0, run.path, run_figures(run.info, known))
-        for name, run, known, differing in zip(names, folders_of, scores, _settings(folders_of), strict=True)
-    ]
-    page = _page(
-        runs, ranked(runs, "mota"), "mota", title=f"{len(runs)} runs", about="Runs with their settings that differ",
-        pictures=[picture(f"Floor: {name}", floor_plot(run)) for name, run in zip(names, folders_of, strict=True)],
-        names=names, errors=shared_errors(errors, folders_of[0].clock.frame_s),
-    )  # fmt: skip
-    write_result(path, page)
-
-
-def _page(runs: Sequence[JobResult], ranking: Sequence[Ranked], objective: FigureName, **shown: object) -> str:
     return page_of(
-        "planview.sweep", "study.html.j2", runs=runs, ranking=ranking, objective=objective, figures=FIGURES,
+        "planview.sweep", "study.html.j2", runs=runs, ranking=ranking, objective=study.objective, figures=FIGURES,
+        title=title, about=about, pictures=_pictures(study, runs, ranking),
         failed=[run for run in runs if run.error], rows_max=ROWS_MAX, level=LEVEL, draws=BOOTSTRAP_DRAWS,
         columns=[name for name in FIGURES if any(name in row.figures for row in ranking)],
-        why_no_intervals=why_no_intervals(runs), **({"names": (), "errors": ()} | shown),
+        why_no_intervals=why_no_intervals(runs),
     )  # fmt: skip
-
-
-def _names(folders: Sequence[Path]) -> list[str]:
-    """The last parts of the folders' names, as many as make them different."""
-    parts = [folder.resolve().parts for folder in folders]
-    for depth in range(1, max(map(len, parts)) + 1):
-        names = ["/".join(p[-depth:]) for p in parts]
-        if len(set(names)) == len(names):
-            return names
-    return [str(folder) for folder in folders]
-
-
-def _settings(runs: Sequence[RunFolder]) -> list[list[str]]:
-    """The settings in which runs differ."""
-    tables = []
-    for info in (run.info for run in runs):
-        versions = {f"version of {name}": version for name, version in info.versions.items()}
-        known = {"recording": info.input, "tracker": info.tracker, **versions, **flat_settings(info.config)}
-        tables.append({name: figure_text(value) for name, value in known.items()})
-    varied = [n for n in dict.fromkeys(n for table in tables for n in table) if len({t.get(n) for t in tables}) > 1]
-    return [[f"{name}={table.get(name, '-')}" for name in varied] for table in tables]
-
-
-def shared_errors(errors: Sequence[Sequence[SignificantError]], frame_s: float) -> list[SharedError]:
-    """Errors of every run by frame; those of one kind and person within a second are one row."""
-    rows: list[SharedError] = []
-    for n, mine in enumerate(errors):
-        for error in mine:
-            person = f"P{error.truth_id}" if error.truth_id is not None else ""
-            same = [row for row in rows if (row.kind, row.person, row.notes[n]) == (error.kind, person, "")]
-            row = next((row for row in same if abs(row.frame - error.frame) * frame_s <= 1.0), None)
-            if row is None:
-                row = SharedError(error.frame, error.kind, person, [""] * len(errors))
-                rows.append(row)
-            row.notes[n] = f"frame {error.frame}: {error.note}"
-    return sorted(rows, key=lambda row: row.frame)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -177,6 +178,18 @@ def changed_settings(config: dict[str, JsonValue]) -> list[tuple[str, str, str]]
     before = flat_settings(Config().model_dump(mode="json"))
     changed = {name: value for name, value in flat_settings(config).items() if value != before.get(name)}
     return [(name, figure_text(value), figure_text(before.get(name))) for name, value in changed.items()]
+
+
+def differing_settings(runs: Sequence[RunInfo]) -> list[tuple[str, list[str]]]:
+    """Names of what runs were given and differs between them, with the value of each run, ready to print."""
+    given = {"recording", "opened", "first_frame", "frames_read", "tracker", "versions", "config"}
+    tables = [flat_settings(run.model_dump(mode="json", include=given)) for run in runs]
+    rows: list[tuple[str, list[str]]] = []
+    for name in dict.fromkeys(name for table in tables for name in table):
+        values = [table.get(name) for table in tables]
+        if any(value != values[0] for value in values):
+            rows.append((name.removeprefix("config."), ["-" if value is None else str(value) for value in values]))
+    return rows
 
 
 def flat_settings(config: dict[str, JsonValue], prefix: str = "") -> dict[str, JsonValue]:

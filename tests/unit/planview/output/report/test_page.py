@@ -20,12 +20,11 @@ from planview.engine.info import CameraInfo, FloorInfo
 from planview.evaluation.significant import SignificantError
 from planview.output.folder import RunInfo, SkippedFrame, read_run_info, write_run_info
 from planview.output.render import open_frames
-from planview.output.report.page import changed_settings, errors_of, scores_of, write_report
+from planview.output.report.page import changed_settings, differing_settings, errors_of, scores_of, write_report
 from planview.output.report.plots import UNHELD, heat_plot, held_by, identity_pictures
 from planview.output.report.snapshots import busiest_frame, scene_pictures
 from planview.output.run_folder import RunFolder
 from planview.output.tables import DECISION_COLUMNS
-from planview.sweep.results import shared_errors, write_comparison
 from planview.trajectories.table import Trajectories, positions_table
 
 HEADER = "frame,timestamp_s,id,x_m,y_m,height_m,state\n"
@@ -211,25 +210,21 @@ def test_report_of_one_run_is_written_into_its_folder_and_of_none_refused(street
     assert "the folder of a run" in capsys.readouterr().err
 
 
-def lost(frame: int, person: int = 1) -> SignificantError:
-    return SignificantError("lost", frame, person, 4, 1.5, "alone")
-
-
-def test_error_that_two_runs_make_at_about_one_time_is_one_row() -> None:
-    rows = shared_errors([[lost(10), lost(90)], [lost(14), lost(10, person=2)]], 0.1)
-    assert [(row.frame, row.person, [bool(note) for note in row.notes]) for row in rows] == [
-        (10, "P1", [True, True]), (10, "P2", [False, True]), (90, "P1", [True, False]),
-    ]  # fmt: skip
-
-
-def test_comparison_names_runs_by_the_settings_that_differ(street: Path, tmp_path: Path) -> None:
-    other = tmp_path / "<other>"
+def test_report_of_two_runs_prints_the_settings_that_differ(street: Path, tmp_path: Path, capsys) -> None:
+    other = tmp_path / "other"
     shutil.copytree(street, other)
     info = json.loads((street / "run.json").read_text())
     info["config"]["joint"]["stay_s"] = 0.7
     (street / "run.json").write_text(json.dumps(info))
-    write_comparison([street, other], tmp_path / "compare.html")
-    page = (tmp_path / "compare.html").read_text()
-    assert "joint.stay_s=0.7" in page and "joint.errors_s" not in page
-    assert "&lt;other&gt;" in page and "<other>" not in page
-    assert page.count("<h2>Floor: ") == 2 and "position error" in page
+    with pytest.raises(SystemExit, match="0"):
+        main(["report", str(street), str(other)])
+    assert (street / "report.html").is_file() and (other / "report.html").is_file()
+    names = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
+    assert names[0] == "setting" and names[1:] == ["joint.stay_s"]
+
+
+def test_settings_that_differ_have_all_their_digits() -> None:
+    one = full_info()
+    other = one.model_copy(update={"config": {"seed": 0, "grid": {"cell_m": 0.030001}}, "tracker": "template"})
+    rows = differing_settings([one, other])
+    assert rows == [("tracker", ["joint", "template"]), ("grid.cell_m", ["0.03", "0.030001"])]
