@@ -145,7 +145,7 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | N
     from calib.errors import InputError, WorkError
     from calib.io import reason
 
-    words = _settings_as_options(sys.argv[1:] if argv is None else argv)
+    words = sys.argv[1:] if argv is None else argv
     if argv is None:
         sys.stderr = cast(TextIO, UnheardOutput(sys.stderr))
     _stop_on_signals()
@@ -177,13 +177,6 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | N
             _fail(_usage_error(error), 2)
         what = " ".join(str(error).split())
         _fail(f"unexpected {type(error).__name__}: {what} (the traceback is in {_traceback_file(error)})", 1)
-
-
-def _settings_as_options(words: Sequence[str]) -> list[str]:
-    """The words, with parameters of earlier versions as the options that they are: ``--set run.frames=100``."""
-    pattern = r"--set[=\0]run\.(frames|overwrite|rrd_every|checkpoint_every)(?:_s)?="
-    text = re.sub(r"\0--set[=\0]run\.frames=0(?=\0|$)", "", "\0".join(words))  # all of them
-    return re.sub(pattern, lambda m: f"--{m[1].replace('_', '-')}=", text).split("\0") if words else []
 
 
 def _foreign_library(error: BaseException | None) -> str:

@@ -139,7 +139,7 @@ def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, in
     if note := unfinished_note(pair.tracks):
         say(f"{note}{FINISHES}")
     run = RunFolder.around(pair.tracks)
-    size = sequence_size(pair.truth) if run is None else run.size_px
+    size = sequence_size(pair.truth) if run is None else run.info.size_px
     if params.match_on == "boxes" and size is not None:
         for path, table in ((pair.tracks, found), (pair.truth, true)):
             refuse_outside(table.box_px, size, str(path))

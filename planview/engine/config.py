@@ -137,8 +137,6 @@ def _suggestion(error: ValidationError) -> str:
     first = error.errors()[0]
     if first["type"] != "extra_forbidden":
         return ""
-    if first["loc"][0] == "matching":
-        return " (every frame is matched as a whole now: leave it out)"
     names = [f"{table}.{name}".lstrip(".") for table, params in tables_of(Config) for name in params.model_fields]
     unknown = dotted(first["loc"])
     near = get_close_matches(unknown, names, n=1, cutoff=0.75)

@@ -21,7 +21,7 @@ VIEW_DISTANCE_M = 15.0
 
 
 class InfoPart(BaseModel):
-    """Part of run.json; unknown keys are kept out by their writer, and ignored by an older reader."""
+    """Part of run.json."""
 
     model_config = ConfigDict(extra="ignore", ser_json_inf_nan="null")
 

@@ -17,7 +17,7 @@ import math
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import MISSING, asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
@@ -38,7 +38,7 @@ from stereo.recording import Frame, OpenOptions, Skipped
 
 FORMAT = "planview maps"
 VERSION = 2
-"""Changes when an older reader would misunderstand the file."""
+"""Of the layout; a file of another one is refused."""
 BLOCK_FRAMES = 32
 """Frames written and read at a time."""
 RANGES: dict[str, tuple[float, float]] = {
@@ -239,19 +239,18 @@ def _read_rig(file: Any) -> FloorRig:
         grid=Grid(**_fields(dict(file["grid"].attrs), Grid)),
         reduction=int(_number(rig["reduction"], "reduction", *RANGES["reduction"])),
         sensor=sensor,
-        correction=str(rig.get("correction", "")),
+        correction=str(rig["correction"]),
     )  # fmt: skip
 
 
 def _fields(attributes: dict[str, Any], kind: Any) -> dict[str, Any]:
-    """The fields of a dataclass among attributes, as Python's own numbers; an older file has none for newer fields."""
+    """The fields of a dataclass among attributes, as Python's own numbers."""
     found: dict[str, Any] = {}
     for field in fields(kind):
-        if field.name in attributes or field.default is MISSING:
-            value = _number(attributes[field.name], field.name, *RANGES[field.name])
-            if field.type == "int" and value % 1:
-                raise ValueError(f"{field.name} of {value:g}")
-            found[field.name] = int(value) if field.type == "int" else value
+        value = _number(attributes[field.name], field.name, *RANGES[field.name])
+        if field.type == "int" and value % 1:
+            raise ValueError(f"{field.name} of {value:g}")
+        found[field.name] = int(value) if field.type == "int" else value
     return found
 
 

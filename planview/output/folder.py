@@ -59,9 +59,9 @@ class RunInfo(InfoPart):
     """Its absolute path; empty for a camera that runs."""
     opened: OpenOptions = OpenOptions()
     size_px: tuple[int, int] | None = None
-    """(width, height) of the images in whose pixels the boxes of tracks.csv are; None in files of older versions."""
+    """(width, height) of the images in whose pixels the boxes of tracks.csv are."""
     fps: float | None = None
-    """Nominal frames per second; None in files of older versions."""
+    """Nominal frames per second."""
     start_s: float | None = None
     end_s: float | None = None
     """Beginning of the first frame and end of the last one, as tracks.csv has times [s]; None before the first."""

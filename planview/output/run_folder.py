@@ -139,15 +139,9 @@ class RunFolder:
             raise InputError(f"{self.path / 'run.json'}: expected a camera above the floor: {error}") from error
 
     @property
-    def size_px(self) -> tuple[int, int] | None:
-        """(width, height) of the images; None in files of older versions of runs without a calibration."""
-        rig = self.info.rig
-        return self.info.size_px or (None if rig is None else (rig.width, rig.height))
-
-    @property
     def rule_plane(self) -> RulePlane:
         """Where rules of these tracks are applied, as while they were tracked."""
-        return RulePlane(self.camera, self.size_px)
+        return RulePlane(self.camera, self.info.size_px)
 
     @cached_property
     def clock(self) -> Clock:

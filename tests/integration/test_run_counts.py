@@ -54,7 +54,7 @@ def words(request, tmp_path, cli) -> list[object]:
 def test_run_count_and_python_give_the_same_counts(words, tmp_path: Path, cli: Cli, json_of: JsonOf) -> None:
     out, rules = tmp_path / "out", tmp_path / "rules.toml"
     assert cli("run", words[0], "--out", tmp_path / "look", *words[1:], "--frames", "3")[0] == 0
-    width, height = RunFolder(tmp_path / "look").size_px
+    width, height = RunFolder(tmp_path / "look").info.size_px
     rules.write_text(LINE.format(width // 2, height - 1) + PLACE.format(width // 3, height // 3, width - 1, height - 1))
     if not RunFolder(tmp_path / "look").camera:
         rules.write_text(rules.read_text() + BORDER)

@@ -387,9 +387,3 @@ def test_printed_configuration_is_the_file_that_config_takes(tmp_path, capsys) -
 def test_run_without_a_folder_says_what_is_missing(tmp_path, refused) -> None:
     assert refused("run", tmp_path) == "planview: run needs --out FOLDER for the results"
     assert "--rrd-every: expected 1 to 100000, found 0" in refused("run", tmp_path, "--out", "out", "--rrd-every", 0)
-
-
-def test_settings_that_became_options_still_work(tmp_path, refused) -> None:
-    words = ("run", tmp_path, "--out", tmp_path / "out", "--set")
-    assert "--rrd-every: expected 1 to 100000, found 0" in refused(*words, "run.rrd_every=0")
-    assert "--checkpoint-every: expected a number, found 'often'" in refused(*words, "run.checkpoint_every_s=often")

@@ -67,7 +67,6 @@ def test_keys_with_dots_are_those_of_tables() -> None:
         ("floor.max_below_fraction=0.999999", "floor.max_below_fraction"),
         (".=1", ".=1"),
         ("=1", "=1"),
-        ("matching.gated=true", "every frame is matched as a whole now"),
     ],
 )
 def test_unknown_names_and_bad_values_are_refused_by_name(override: str, named: str) -> None:

@@ -194,4 +194,3 @@ def test_all_commands_give_the_same_number_of_people(street: Path, cli: Cli, jso
 
 def test_camera_of_a_run_is_the_one_that_made_it(street: Path) -> None:
     assert RunFolder(street).rule_plane.camera == GroundCamera(160, 120, 120.0, 3.0, math.radians(60.0))
-    assert RunFolder(street).size_px == (160, 120)
