@@ -230,6 +230,20 @@ def sync(path: Path) -> None:
         os.close(descriptor)
 
 
+FREE_BYTES_MIN = 64 * 2**20
+"""Free disk space for what comes next [bytes]: on a full disk HDF5 ends the process and rerun waits for ever."""
+
+
+def refuse_full_disk(path: Path, size: int = 0) -> None:
+    """Raises WorkError: the disk of a file that grows has no room for ``size`` more bytes and FREE_BYTES_MIN."""
+    needed, free = FREE_BYTES_MIN + size, shutil.disk_usage(path.parent).free
+    if free < needed:
+        raise WorkError(
+            f"{path}: expected at least {needed >> 20} MB of free disk, found {free >> 20}: "
+            "the disk is full; earlier frames are kept"
+        )
+
+
 def quoted(text: str) -> str:
     """A TOML string."""
     escaped = "".join(c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in text)

@@ -14,7 +14,6 @@ its points end) and ``frames/unmatched_end``; per point ``points/pixel``, ``poin
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
@@ -24,7 +23,7 @@ from typing import Any, NamedTuple, get_args
 import numpy as np
 
 from calib.errors import InputError, WorkError
-from calib.io import reason
+from calib.io import reason, refuse_full_disk
 from calib.pose import SE3
 from calib.rig import DepthSensor, Floor
 from calib.types import F32, I32, U8, AnyArray
@@ -49,8 +48,6 @@ RANGES: dict[str, tuple[float, float]] = {
     "n_rows": (1, MAX_CELLS), "n_cols": (1, MAX_CELLS),
 }  # fmt: skip
 """What the numbers of a rig, its floor and its grid can be (our choice: wider than any camera)."""
-SPARE_BYTES = 4 << 20
-"""Room on the disk beyond what is about to be written: a chunk of every column, and the tables at the end [bytes]."""
 APPEARANCE = "points/appearance"
 COLUMNS: dict[str, type] = {
     "frames/index": np.int64, "frames/timestamp_s": np.float64, "frames/end": np.int64,
@@ -297,10 +294,8 @@ class MapsWriter:
         self._path = path
         self._block: list[Frame[RecordedPoints]] = []
         with _writing(path):
-            with path.open("wb") as file:
-                _reserve(file.fileno(), SPARE_BYTES)
+            refuse_full_disk(path)
             self._file = File(path, "w")
-            _reserve(self._file.id.get_vfd_handle(), SPARE_BYTES)
             self._file.attrs.update(format=FORMAT, version=VERSION, config=head.config, fps=fps)
             _write_rig(self._file, head.rig)
             for name, kind in COLUMNS.items():
@@ -324,11 +319,7 @@ class MapsWriter:
                 self._file["skipped/why"] = np.array([frame.why for frame in skipped], dtype=string_dtype())
         finally:
             with _writing(self._path):
-                self._file.flush()
-                size = self._file.id.get_filesize()
                 self._file.close()
-                if self._path.stat().st_size > size:  # room that was not needed
-                    os.truncate(self._path, size)
 
     def _flush(self) -> None:
         block, self._block = self._block, []
@@ -353,8 +344,7 @@ class MapsWriter:
             "background/frame": [f.index for f, s in zip(block, shots, strict=True) if s.background is not None],
         }
         with _writing(self._path):
-            needed = sum(np.asarray(values).nbytes for values in columns.values())
-            _reserve(self._file.id.get_vfd_handle(), self._file.id.get_filesize() + needed + SPARE_BYTES)
+            refuse_full_disk(self._path, sum(np.asarray(values).nbytes for values in columns.values()))
             if APPEARANCE in columns and APPEARANCE not in self._file:
                 self._column(APPEARANCE, np.uint8).attrs["codes"] = CODES
             for name, values in columns.items():
@@ -390,13 +380,6 @@ def _write_rig(file: Any, view: FloorRig) -> None:
     if floor.extent_m is not None:
         file["floor"].attrs["extent_m"] = floor.extent_m
     file.create_group("grid").attrs.update(asdict(view.grid))
-
-
-def _reserve(descriptor: int, size: int) -> None:
-    """Reserve ``size`` bytes for a file: HDF5 ends the process when the disk is full while it writes. Raises OSError:
-    there is no room."""
-    if hasattr(os, "posix_fallocate"):
-        os.posix_fallocate(descriptor, 0, size)
 
 
 @contextmanager

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import math
-import shutil
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -14,7 +13,7 @@ import numpy as np
 import rerun as rr
 
 from calib.errors import InputError, WorkError
-from calib.io import reason, sync
+from calib.io import reason, refuse_full_disk, sync
 from calib.types import U8
 from planview.drawing.people import bounds_of
 from planview.engine.engine import Engine, FrameResult
@@ -50,8 +49,6 @@ def log_assessment(stream: rr.RecordingStream, results: RunFolder) -> None:
 
 BODY_M = 0.5
 """Width of the boxes around people [m]."""
-FREE_BYTES_MIN = 64 * 2**20
-"""Free disk space for the next frames [bytes]: rerun writes in a thread of its own, which hangs on a full disk."""
 
 
 class RerunLog:
@@ -68,7 +65,7 @@ class RerunLog:
     def __init__(self, engine: Engine, path: Path, every: int = 1, *, resumed: bool = False) -> None:
         number = len(rrd_parts(path)) + 1 if resumed else 1
         self._engine, self._path = engine, path if number == 1 else path.with_name(f"{path.stem}-{number}.rrd")
-        self._check_room()
+        refuse_full_disk(self._path)
         self._stereo, self._every = engine.stereo, every
         self._shown: set[str] = set()
         self._curves: set[str] = set()
@@ -107,7 +104,7 @@ class RerunLog:
 
     def frame(self, result: FrameResult) -> None:
         """Log one frame, on the timelines ``frame`` and ``time``."""
-        self._check_room()
+        refuse_full_disk(self._path)
         self._stream.set_time("frame", sequence=result.frame)
         self._stream.set_time("time", duration=result.timestamp_s)
         self._log_scene(result)
@@ -158,14 +155,6 @@ class RerunLog:
                     ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._stream))
                     problem = f"{self._path}: cannot be written ({reason(error)}); earlier frames are kept"
                     raise WorkError(problem) from error
-
-    def _check_room(self) -> None:
-        free = shutil.disk_usage(self._path.parent).free
-        if free < FREE_BYTES_MIN:
-            raise WorkError(
-                f"{self._path}: expected at least {FREE_BYTES_MIN >> 20} MB of free disk, found {free >> 20}: "
-                "the disk is full; earlier frames are kept"
-            )
 
     def _log_scene(self, result: FrameResult) -> None:
         due_s, depth = self._scenes_at_s, result.depth

@@ -3,7 +3,9 @@
 import shutil
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import h5py
@@ -13,14 +15,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_maps import write_toy_maps
 
-from calib.errors import InputError
+from calib.errors import InputError, WorkError
 from calib.pose import SE3
 from calib.rig import world_from_plane
 from planview.engine.open import open_engine
 from planview.foreground.gain import Exposure
 from planview.maps.grid import Grid, MapParams
 from planview.maps.plan_view import FloorPoints, PlanViewMaps, accumulate, joint_grid, plan_view
-from planview.maps.recording import MapsRecording, MapsWriter, RecordedPoints
+from planview.maps.recording import BLOCK_FRAMES, MapsRecording, MapsWriter, RecordedPoints
 from planview.maps.view import CODES, MapBuilder, back_project, colour_codes, encode_colours, smoothing
 from stereo.depth import RectifiedGeometry
 from stereo.depth import back_project as to_points
@@ -192,6 +194,19 @@ def test_a_frame_that_shows_nothing_is_replayed_as_one(maps: Path, tmp_path: Pat
     writer.close()
     before, nothing = open_engine(path)
     assert before.views[0].shows and not nothing.views[0].shows
+
+
+def test_writing_stops_before_the_disk_is_full_and_keeps_earlier_frames(maps: Path, tmp_path, monkeypatch) -> None:
+    recording, path = MapsRecording(maps), tmp_path / "less.h5"
+    room = iter([200 << 20] * 2 + [10 << 20] * 2)
+    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=next(room)))
+    writer, frame = MapsWriter(path, recording.view, recording.config, 15.0), next(iter(recording))
+    for i in range(2 * BLOCK_FRAMES - 1):
+        writer.add(replace(frame, index=i, timestamp_s=i / 15, background=None))
+    with pytest.raises(WorkError, match=r"less\.h5: expected at least 64 MB of free disk, found 10"):
+        writer.add(replace(frame, index=2 * BLOCK_FRAMES, timestamp_s=10.0, background=None))
+    writer.close()
+    assert MapsRecording(path).n_frames == BLOCK_FRAMES
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -1e9, 1e9, "text", [1.0, 2.0]])
