@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from numbers import Integral, Real
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
 import numpy as np
@@ -20,7 +21,7 @@ from calib.errors import InputError
 from calib.floor_camera import FloorCamera
 from calib.types import F32, U8
 from planview.trajectories.state import State, TrackState
-from planview.trajectories.table import TrajectoryCollector
+from planview.trajectories.table import KEY_MAX, STATES
 
 if TYPE_CHECKING:  # its kernels: readers of decisions need no numba
     from planview.maps.plan_view import PlanViewMaps
@@ -209,17 +210,31 @@ def followed(tracker: Tracker, observation: Observation) -> tuple[TrackState, ..
         expected = f"expected Decisions in {type(tracker).__name__}.decisions"
         raise InputError(f"{expected}, found something else", argument="tracker")
     if not type(tracker).__module__.startswith("planview."):  # one's own may return what no table holds, and no boxes
-        rows = TrajectoryCollector()
-        try:
-            rows.add(observation.frame, observation.timestamp_s, people)
-            rows.trajectories()
-        except (InputError, TypeError, ValueError) as error:
-            unfit = f"{expected} for tracks.csv, found one that it cannot hold: {error}"
-            raise InputError(unfit, argument="tracker") from error
+        if unfit := _unfit(people):
+            raise InputError(f"{expected} for tracks.csv, found {unfit}", argument="tracker")
         boxes = person_boxes(observation.camera, [(person.x_m, person.y_m, person.height_m) for person in people])
         known = zip(people, boxes, strict=True)
         people = [replace(p, box_px=box) if math.isnan(p.box_px[0]) else p for p, box in known]
     return tuple(people)
+
+
+def _unfit(people: Sequence[TrackState]) -> str:
+    """What tracks.csv cannot hold of one frame's people; empty where it can hold all."""
+    ids = [person.track_id for person in people]
+    for person in people:
+        if not isinstance(person.track_id, Integral) or abs(person.track_id) > KEY_MAX:
+            return f"the id {person.track_id!r}"
+        if ids.count(person.track_id) > 1:
+            return f"the id {person.track_id} twice"
+        if person.state not in STATES:
+            return f"the state {person.state!r}"
+        box: object = person.box_px
+        if not isinstance(box, Sequence | np.ndarray) or len(box) != 4 or not all(isinstance(n, Real) for n in box):
+            return f"the box {box!r}"
+        for name in ("x_m", "y_m", "vx_mps", "vy_mps", "height_m", "facing_deg"):
+            if not isinstance(value := getattr(person, name), Real):
+                return f"the {name} {value!r}"
+    return ""
 
 
 def refuse_tracker(tracker: object, names: Sequence[str]) -> None:
