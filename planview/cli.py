@@ -10,13 +10,11 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from importlib import import_module
-from importlib.metadata import packages_distributions, version
+from importlib.metadata import version
 from pathlib import Path
 from textwrap import dedent
-from traceback import extract_tb
-from typing import TYPE_CHECKING, Any, Literal, TextIO, cast
+from typing import TYPE_CHECKING, Literal, TextIO
 
 from cyclopts import App, Group, Parameter
 
@@ -146,8 +144,6 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | N
     from calib.io import reason
 
     words = sys.argv[1:] if argv is None else argv
-    if argv is None:
-        sys.stderr = cast(TextIO, UnheardOutput(sys.stderr))
     _stop_on_signals()
     warnings.showwarning = _note
     try:
@@ -169,32 +165,12 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | N
         # Not expected by any command: a folder without permission, a disk that went away.
         _fail(f"{error.filename}: {reason(error)}" if error.filename else reason(error), 1)
     except Exception as error:
-        if foreign := _foreign_library(error):
-            _fail(foreign, 2)
         from cyclopts import CycloptsError
 
         if isinstance(error, CycloptsError):
             _fail(_usage_error(error), 2)
         what = " ".join(str(error).split())
         _fail(f"unexpected {type(error).__name__}: {what} (the traceback is in {_traceback_file(error)})", 1)
-
-
-def _foreign_library(error: BaseException | None) -> str:
-    """The sentence on a library that PYTHONPATH puts in the place of an installed one, as ROS and cameras' kits do,
-    where an import or a missing name failed for it; empty otherwise."""
-    places = [Path(place).resolve() for place in os.environ.get("PYTHONPATH", "").split(os.pathsep) if place]
-    while error is not None and places:
-        if isinstance(error, ImportError | AttributeError):
-            module = getattr(error, "obj", None)
-            files = [frame.filename for frame in reversed(extract_tb(error.__traceback__))]
-            files += [getattr(error, "path", None) or "", getattr(module, "__file__", None) or ""]
-            for file, place in ((Path(file), place) for file in files if file for place in places):
-                name = file.relative_to(place).parts[0].split(".")[0] if file.is_relative_to(place) else ""
-                if name not in ("", "planview", "stereo", "calib") and name in packages_distributions():
-                    what = f"another {name} than the installed one comes first by PYTHONPATH"
-                    return f"{file}: {what} ({' '.join(str(error).split())}); unset PYTHONPATH"
-        error = error.__cause__ or error.__context__
-    return ""
 
 
 def _usage_error(error: CycloptsError) -> str:
@@ -214,25 +190,6 @@ def _usage_error(error: CycloptsError) -> str:
         found = error.token.value if error.token else ""
         return f"{argument.name if argument else 'value'}: expected {kind}, found {found!r}"
     return " ".join(str(error).split())
-
-
-class UnheardOutput:
-    """A stream for messages that may fail, a full disk or a closed pipe: the work continues without them."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
-
-    def write(self, text: str) -> int:
-        with suppress(OSError):
-            self._stream.write(text)
-        return len(text)
-
-    def flush(self) -> None:
-        with suppress(OSError):
-            self._stream.flush()
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
 
 
 def _traceback_file(error: Exception) -> str:
