@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,7 +16,8 @@ from planview.commands.options import JsonFlag, plural, say
 from planview.output.progress import PlainConsole
 from planview.sweep.results import JobResult, Ranked, why_no_intervals
 from planview.sweep.study import FIGURES, FigureName, RecordingEntry, Space, Study, load_study
-from planview.sweep.work import on_cluster, on_processes, run_study
+from planview.sweep.work import run_study
+from planview.sweep.workers import workers
 
 FAILED_MAX = 20
 """Failed runs that are printed; summary.csv has them all."""
@@ -70,8 +70,7 @@ def sweep(
     console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)
     if options.jobs < 1:
         raise InputError(f"--jobs: expected 1 or more, found {options.jobs}")
-    tasks = partial(on_cluster, options.cluster) if options.cluster else partial(on_processes, options.jobs)
-    runs, ranking = run_study(study, names, out, tasks, console)
+    runs, ranking = run_study(study, names, out, workers(options.jobs, options.cluster), console)
     failed = [run for run in runs if run.error]
     if options.json_output:
         found = {"out": str(out), "objective": study.objective, "failed": len(failed)}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -114,41 +114,6 @@ class Configuration:
         return next((s.partition("=")[2] for s in self.settings if s.partition("=")[0] == name), "")
 
 
-def _chosen(values: Mapping[str, Any]) -> Configuration:
-    return Configuration(tuple(f"{name}={json.dumps(value)}" for name, value in values.items()))
-
-
-def grid(parameters: Mapping[str, Space]) -> list[Configuration]:
-    """All combinations, the last parameter fastest. Raises InputError: a range without step."""
-    combinations(parameters)
-    spaces = parameters.values()
-    values = [space if isinstance(space, list) else map(space.nth, range(space.steps)) for space in spaces]
-    return [_chosen(dict(zip(parameters, chosen, strict=True))) for chosen in itertools.product(*values)]
-
-
-def random_draws(parameters: Mapping[str, Space], count: int, seed: int) -> list[Configuration]:
-    """``count`` independent draws, each once; fewer where the space holds fewer."""
-
-    def at(space: Space, fraction: float) -> Any:
-        return space.at(fraction) if isinstance(space, Range) else space[int(fraction * len(space))]
-
-    generator = np.random.default_rng(seed)
-    found: dict[Configuration, None] = {}
-    for _ in range(20 * count):
-        found[_chosen({name: at(space, float(generator.random())) for name, space in parameters.items()})] = None
-        if len(found) == count:
-            break
-    return list(found)
-
-
-def combinations(parameters: Mapping[str, Space]) -> int:
-    """Number of all combinations of a grid. Raises InputError: a range without step."""
-    for name, space in parameters.items():
-        if isinstance(space, Range) and space.step is None:
-            raise InputError(f"parameters.{name}: expected a list or a step for a grid, found a range without step")
-    return math.prod(len(space) if isinstance(space, list) else space.steps for space in parameters.values())
-
-
 class RecordingEntry(Params):
     """A recording with files that do not lie in it."""
 
@@ -201,15 +166,41 @@ class Study(Params):
             raise ValueError(f"expected different seeds from 0, found {str(seeds)[:80]}")
         return seeds
 
-    def refuse_many(self) -> None:
-        """Raise InputError for more than RUNS_MAX runs, or a grid over a range without step."""
-        n_configurations = combinations(self.parameters) if self.method == "grid" else self.samples
-        counts = n_configurations, len(self.recordings), len(self.seeds)
-        if math.prod(counts) > RUNS_MAX:
+    def configurations(self) -> list[Configuration]:
+        """All combinations, the last parameter fastest; or independent draws, each once, fewer where there are fewer.
+        Raises InputError: a grid over a range without step, or more than RUNS_MAX runs."""
+        count = self.samples if self.method == "random" else self._combinations()
+        runs = count * len(self.recordings) * len(self.seeds)
+        if runs > RUNS_MAX:
             raise InputError(
-                f"expected a study of up to {RUNS_MAX} runs, found {math.prod(counts)} "
-                "({} configurations x {} recordings x {} seeds)".format(*counts)
+                f"expected a study of up to {RUNS_MAX} runs, found {runs} "
+                f"({count} configurations x {len(self.recordings)} recordings x {len(self.seeds)} seeds)"
             )
+        found: dict[Configuration, None] = {}
+        for values in self._draws() if self.method == "random" else self._grid():
+            settings = (f"{name}={json.dumps(value)}" for name, value in zip(self.parameters, values, strict=True))
+            found[Configuration(tuple(settings))] = None
+            if len(found) == count:
+                break
+        return list(found)
+
+    def _combinations(self) -> int:
+        """Number of all combinations of a grid."""
+        for name, space in self.parameters.items():
+            if isinstance(space, Range) and space.step is None:
+                raise InputError(f"parameters.{name}: expected a list or a step for a grid, found a range without step")
+        return math.prod(len(space) if isinstance(space, list) else space.steps for space in self.parameters.values())
+
+    def _grid(self) -> Iterator[tuple[Any, ...]]:
+        spaces = self.parameters.values()
+        return itertools.product(*(s if isinstance(s, list) else map(s.nth, range(s.steps)) for s in spaces))
+
+    def _draws(self) -> Iterator[tuple[Any, ...]]:
+        """Many more than are wanted, since some are equal."""
+        generator = np.random.default_rng(self.search_seed)
+        for _ in range(20 * self.samples):
+            drawn = [(space, float(generator.random())) for space in self.parameters.values()]
+            yield tuple(s.at(at) if isinstance(s, Range) else s[int(at * len(s))] for s, at in drawn)
 
 
 def load_study(path: Path) -> Study:
@@ -222,9 +213,7 @@ def load_study(path: Path) -> Study:
         tables["parameters"] = _flat(tables.get("parameters", {}))
         if "config" in tables:
             tables["config"] = path.parent / str(tables["config"])
-        study = Study.model_validate(tables)
-        study.refuse_many()
-        return study
+        return Study.model_validate(tables)
     except ValidationError as error:
         raise InputError(f"{path}: {first_problem(error)}") from error
     except InputError as error:

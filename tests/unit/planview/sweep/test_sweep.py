@@ -1,25 +1,21 @@
 """Sweeps: proposals, jobs, results, studies."""
 
 import math
-import os
 import shutil
-import signal
 import time
 from pathlib import Path
-from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
-from inline_tasks import InlineTasks
 from pandas import MultiIndex, Series
 
 import planview
-from calib.errors import InputError, WorkError
+from calib.errors import InputError
 from planview.output.resume import code_version, content_key
-from planview.sweep import work
 from planview.sweep.results import JobResult, estimate, ranked, summary_csv, why_no_intervals
-from planview.sweep.study import Configuration, Range, grid, load_study, random_draws
-from planview.sweep.work import companion_files, on_cluster, on_processes
+from planview.sweep.study import Configuration, Range, RecordingEntry, Study, load_study
+from planview.sweep.work import companion_files
 
 
 @pytest.fixture
@@ -198,6 +194,10 @@ def test_study_refuses_what_it_does_not_know_and_names_the_file(text: str, tmp_p
     assert str(refused.value).startswith(str(path)) and "\n" not in str(refused.value)
 
 
+def study_of(parameters: dict[str, Any], **others: Any) -> Study:
+    return Study(recordings=[RecordingEntry(path=Path("a"))], parameters=parameters, **others)
+
+
 @pytest.mark.parametrize(
     ("text", "found"),
     [
@@ -212,71 +212,29 @@ def test_study_refuses_what_it_does_not_know_and_names_the_file(text: str, tmp_p
 def test_study_that_is_too_large_is_refused_at_once(text: str, found: str, tmp_path: Path) -> None:
     path, begin = write(tmp_path, f'recordings = ["a"]\n{text}\n'), time.process_time()
     with pytest.raises(InputError, match=f"expected .* found .*{found}|less than or equal to 50000, found {found}"):
-        load_study(path)
+        load_study(path).configurations()
     assert time.process_time() - begin < 2.0
 
 
 def test_grid_has_all_combinations_the_last_parameter_fastest_and_ranges_by_their_steps() -> None:
-    found = grid({"maps.cell_m": [0.03, 0.04], "feedback.enabled": [True, False]})
+    found = study_of({"maps.cell_m": [0.03, 0.04], "feedback.enabled": [True, False]}).configurations()
     pairs = [(cell, on) for cell in ("0.03", "0.04") for on in ("true", "false")]
     assert [c.label for c in found] == [f"maps.cell_m={cell} feedback.enabled={on}" for cell, on in pairs]
-    assert [c.label for c in grid({})] == ["defaults"]
-    steps = grid({"a.b": Range(min=0.1, max=0.3, step=0.1)})
+    assert [c.label for c in study_of({}).configurations()] == ["defaults"]
+    steps = study_of({"a.b": Range(min=0.1, max=0.3, step=0.1)}).configurations()
     assert [c.settings for c in steps] == [("a.b=0.1",), ("a.b=0.2",), ("a.b=0.3",)]
     with pytest.raises(InputError, match="a step for a grid"):
-        grid({"a.b": Range(min=0.1, max=0.3)})
+        study_of({"a.b": Range(min=0.1, max=0.3)}).configurations()
 
 
 def test_random_draws_are_the_same_for_a_seed_lie_in_their_ranges_and_stop_where_the_space_is_exhausted():
     parameters = {"a.x": Range(min=0.5, max=2.0, log=True), "a.n": Range(min=1, max=3), "a.c": ["p", "q"]}
-    found = random_draws(parameters, 10, seed=4)
-    assert found == random_draws(parameters, 10, seed=4) != random_draws(parameters, 10, seed=5)
+
+    def draws(seed: int) -> list[Configuration]:
+        return study_of(parameters, method="random", samples=10, search_seed=seed).configurations()
+
+    found = draws(4)
+    assert found == draws(4) != draws(5)
     assert len(set(found)) == 10 and all(0.5 <= float(c.value("a.x")) <= 2.0 for c in found)
     assert {c.value("a.n") for c in found} <= {"1", "2", "3"}
-    assert len(random_draws({"a.c": ["p", "q"]}, 10, seed=0)) == 2
-
-
-def test_processes_are_limited_to_one_thread_of_numerical_libraries() -> None:
-    (ended,) = on_processes(1, os.getenv, {"threads": "OMP_NUM_THREADS"})
-    assert ended.value == "1"
-
-
-def test_cluster_that_is_not_there_is_refused(monkeypatch):
-    monkeypatch.setattr("planview.sweep.work.CONNECT_S", 0.2)
-    with pytest.raises(InputError, match="expected a Dask scheduler"):
-        list(on_cluster("tcp://127.0.0.1:9", double, {"1": 1}))
-
-
-def double(argument: object) -> int:
-    if argument < 0:
-        raise WorkError("expected a number from 0")
-    return 2 * argument // argument
-
-
-def test_finished_run_without_its_maps_stays_when_the_new_one_fails(tmp_path):
-    (tmp_path / "run").mkdir()
-    source = SimpleNamespace(path=tmp_path / "nope", camera=None, calibration=None, fps=None)
-    job = SimpleNamespace(version=code_version(), folder=tmp_path / "run", source=source, tracker="joint", config=None)
-    job.is_done = False
-    with pytest.raises(InputError, match="nope"):
-        work.track(job)
-    assert [path.name for path in tmp_path.iterdir()] == ["run"]
-
-
-def test_task_that_fails_stops_no_other_and_has_one_sentence() -> None:
-    ended = {d.key: (d.value, d.error) for d in InlineTasks()(double, {"3": 3, "-1": -1, "4": 4})}
-    assert ended == {"3": (2, ""), "-1": (None, "expected a number from 0"), "4": (2, "")}
-    (unexpected,) = InlineTasks()(double, {"0": 0})
-    assert "ZeroDivisionError" in unexpected.error and "\n" not in unexpected.error
-
-
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_task_that_kills_its_process_is_reported_once_and_takes_no_other_with_it(jobs: int) -> None:
-    def deadly(argument: object) -> object:
-        if argument == 2:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return argument
-
-    ended = sorted((d.key, d.error) for d in on_processes(jobs, deadly, {str(n): n for n in range(5)}))
-    assert ended == [("0", ""), ("1", ""), ("2", "its process was killed"), ("3", ""), ("4", "")]
-    assert list(on_processes(jobs, deadly, {})) == []
+    assert len(study_of({"a.c": ["p", "q"]}, method="random", samples=10).configurations()) == 2
