@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from planview.drawing.style import page_of
-from planview.output.report.plots import COLOURS, Picture, new_figure, picture, plain_text, png_bytes
+from planview.output.report.plots import Picture, new_figure, picture, plain_text, png_bytes
 from planview.sweep.study import FIGURES, Configuration, FigureName, Study
 
 if TYPE_CHECKING:
@@ -202,21 +202,6 @@ def _parameter_plot(ranking: Sequence[Ranked], name: str, figure: FigureName) ->
     return png_bytes(picture)
 
 
-def _recordings_plot(ranking: Sequence[Ranked], runs: Sequence[JobResult], figure: FigureName) -> bytes:
-    """A figure by recording, a line per configuration (of the first ones, best first)."""
-    picture, axes = new_figure(8.0, 3.6)
-    names = list(dict.fromkeys(run.recording for run in runs))
-    table = table_of(runs).groupby([[run.configuration.label for run in runs], "recording"])[figure].mean()
-    for place, (shown, colour) in enumerate(zip(ranking, COLOURS, strict=False), 1):
-        row = table[shown.configuration.label].reindex(names).to_numpy()
-        known = np.flatnonzero(np.isfinite(row))
-        axes.plot(known, row[known], marker="o", markersize=4, color=colour, label=f"{place}.", linewidth=1)
-    axes.set_xticks(range(len(names)), list(map(_short, names)), fontsize=8, rotation=30, ha="right")
-    axes.set_ylabel(FIGURES[figure].label)
-    axes.legend(fontsize=8, ncols=5, frameon=False)
-    return png_bytes(picture)
-
-
 def _short(text: str) -> str:
     text = plain_text(text)
     return text if len(text) <= LABEL_MAX else f"...{text[-LABEL_MAX:]}"
@@ -232,9 +217,6 @@ def _pictures(study: Study, runs: Sequence[JobResult], ranking: Sequence[Ranked]
     pictures = [picture(f"Ranking by {FIGURES[figure].label}", _ranking_plot(known[:BARS_MAX], figure), note)]
     note = "A dot per configuration; the line joins the means of each value."
     pictures += [picture(name, _parameter_plot(known, name, figure), note) for name in study.parameters]
-    if 1 < len({run.recording for run in runs}) <= 40:
-        note = "Lines are configurations by their place in the ranking."
-        pictures.append(picture("By recording", _recordings_plot(known, runs, figure), note))
     return pictures
 
 

@@ -141,7 +141,7 @@ def test_page_is_one_file_that_shows_names_as_text(cli: Cli, halls: Path) -> Non
     path = study(halls, 'recordings = ["<script>*/maps.h5", "b/maps.h5"]\n[parameters]\njoint.stay_s = [0.3, 0.4]\n')
     assert cli("sweep", path)[0] == 0
     page = (halls / "study" / "report.html").read_text()
-    assert page.count("data:image/png;base64,") == 3
+    assert page.count("data:image/png;base64,") == 2
     assert "<script" not in page and "http" not in page.replace("http-equiv", "")
     assert "joint.stay_s=0.3" in page
 
