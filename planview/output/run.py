@@ -224,41 +224,22 @@ class _Run:
         self._info = _info_of(engine, options)
         self._identity: dict[str, Any] | None = None
         self._checks = RunChecks(engine, options.strict)
+        self._mark_every_s = 0.0 if engine.recording.is_live else options.checkpoint_every_s
+        self._marked_s = time.monotonic()
 
     def track(self, watch: Callable[[FrameResult], None] | None, checkpoint: resume.Checkpoint | None) -> None:
+        """Track what is left of the recording; all files are closed at the end, whatever happens."""
         options, recording, totals = self._options, self._engine.recording, self._totals
-        analytics = options.analytics
         with ExitStack() as stack:
-            for log in self._logs.values():
-                stack.callback(log.close)
             interrupts = stack.enter_context(noted_interrupts())
-            if checkpoint is not None or not (self._folder / "run.json").is_file():
-                write_run_info(self._information("running"), self._folder / "run.json")
-            marks = checkpoint and checkpoint.written["tables"]
-            tables = RunTables(self._folder, analytics is not None, marks)
-            stack.callback(tables.close)
-            for name, part in self._carried.items():
-                part.reset()
-                if checkpoint is not None:
-                    part.set_state(checkpoint.state[name])
-            is_live = recording.is_live
-            every_s = 0.0 if is_live else options.checkpoint_every_s
-            marked_s = time.monotonic()
+            tables = self._opened(stack, checkpoint)
             left = max(0, options.max_frames - totals.frames) if options.max_frames else None
             for result in islice(self._engine.after(max(totals.last_frame, options.first_frame - 1)), left):
-                totals.take(result)
-                events = analytics.update(result.frame, result.timestamp_s, result.tracks) if analytics else ()
-                totals.events.extend(events)
-                tables.add(result, events)
-                for log in self._logs.values():
-                    log.frame(result)
+                self._take(result, tables)
                 if watch:
                     watch(result)
-                self._checks.update(result)
-                now_s = time.monotonic()
-                if every_s and (now_s - marked_s >= every_s or interrupts.is_set()):
-                    every_s, marked_s = every_s if self._mark(tables) else 0.0, now_s
-                if interrupts.is_set() and is_live:
+                self._mark_when_due(tables, interrupts.is_set())
+                if interrupts.is_set() and recording.is_live:
                     break  # the usual end of cameras that run
                 if interrupts.is_set():
                     raise KeyboardInterrupt
@@ -266,6 +247,40 @@ class _Run:
             why = f" ({recording.skipped[0].why})" if recording.skipped else ""
             raise WorkError(f"{recording.path}: none of {recording.n_frames} frames can be used{why}")
         self._checks.refuse()
+
+    def _opened(self, stack: ExitStack, checkpoint: resume.Checkpoint | None) -> RunTables:
+        """The tables of the run, which the stack closes, and its logs; everything begins, or resumes."""
+        for log in self._logs.values():
+            stack.callback(log.close)
+        if checkpoint is not None or not (self._folder / "run.json").is_file():
+            write_run_info(self._information("running"), self._folder / "run.json")
+        marks = checkpoint and checkpoint.written["tables"]
+        tables = RunTables(self._folder, self._options.analytics is not None, marks)
+        stack.callback(tables.close)
+        for name, part in self._carried.items():
+            part.reset()
+            if checkpoint is not None:
+                part.set_state(checkpoint.state[name])
+        return tables
+
+    def _take(self, result: FrameResult, tables: RunTables) -> None:
+        """Count a frame, and write what is known of it."""
+        self._totals.take(result)
+        analytics = self._options.analytics
+        events = analytics.update(result.frame, result.timestamp_s, result.tracks) if analytics else ()
+        self._totals.events.extend(events)
+        tables.add(result, events)
+        for log in self._logs.values():
+            log.frame(result)
+        self._checks.update(result)
+
+    def _mark_when_due(self, tables: RunTables, is_interrupted: bool) -> None:
+        """A checkpoint after some time, or before the run ends early."""
+        now_s = time.monotonic()
+        if self._mark_every_s and (is_interrupted or now_s - self._marked_s >= self._mark_every_s):
+            self._marked_s = now_s
+            if not self._mark(tables):
+                self._mark_every_s = 0.0
 
     def _mark(self, tables: RunTables) -> bool:
         """Write all that a checkpoint refers to, the checkpoint, then run.json; False when the engine holds what a
