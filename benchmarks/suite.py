@@ -128,7 +128,7 @@ class SuiteOptions(BenchOptions):
     jobs: int = 1
     """Recordings processed at the same time, each in a process of its own."""
     scenes: Path = SUITE
-    """Folder with challenges; people who carry, push or sit in something are in data/synthetic/loads."""
+    """Folder with challenges."""
     tracker: str = "joint"
     """Tracker that follows people: one of planview run, or peaks, the baseline of height peaks."""
     refine: Flag = False

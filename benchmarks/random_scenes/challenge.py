@@ -28,7 +28,7 @@ def challenge(table: dict[str, Any], rng: np.random.Generator) -> RandomScene:
     """One attempt at a scene. Raises NoPlaceError: it cannot be, or shows too little of what it covers."""
     values = Challenge.model_validate(table)
     stage = Stage(values, rng)
-    parts = [(part, plan.load) for plan in values.choreography for part in PLOTS[plan.kind](stage, plan)]
+    parts = [part for plan in values.choreography for part in PLOTS[plan.kind](stage, plan)]
     lights, sensor = lights_and_sensor(values.light, stage.room.size_m, values.duration_s, rng)
     people = _people(values, len(parts), rng)
     scene = Scene.model_validate(
@@ -42,9 +42,7 @@ def challenge(table: dict[str, Any], rng: np.random.Generator) -> RandomScene:
             "sensor": sensor | {"grey": values.camera.grey},
             "lights": lights,
             "furniture": tuple(stage.furniture),
-            "people": [
-                person | part.to_table() | {"load": load} for person, (part, load) in zip(people, parts, strict=True)
-            ],
+            "people": [person | part.to_table() for person, part in zip(people, parts, strict=True)],
         }
     )
     refuse_implausible(scene, stage)

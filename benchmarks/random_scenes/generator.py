@@ -303,7 +303,7 @@ class Way:
         return (0.0, row), (width, row)
 
 
-SUITE, VIEWS, LOADS = SCENES / "suite", SCENES / "views", SCENES / "loads"
+SUITE, VIEWS = SCENES / "suite", SCENES / "views"
 SceneKind = Literal["suite", "views", "conference", "rigs"]
 KINDS: dict[SceneKind, tuple[Path, Callable[[dict[str, Any], np.random.Generator], RandomScene]]] = {
     "suite": (SUITE, challenge),

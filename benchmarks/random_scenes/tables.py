@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from calib.params import Params
-from planview.synthetic.scene import Capture, LoadKind, Pair, Scene
+from planview.synthetic.scene import Capture, Pair, Scene
 from planview.synthetic.write import RigScene
 
 Phenomenon = Literal[
@@ -25,7 +25,6 @@ Phenomenon = Literal[
     "eight or more people", "leaving and returning", "similar clothes", "pairs in step", "children",
     "camera straight down", "camera nearly horizontal", "320x240", "640x480", "10 frames per second",
     "30 frames per second", "short baseline", "long baseline", "narrow lens", "wide lens", "automatic exposure",
-    "loads",
 ]  # fmt: skip
 """What a scene may be hard for. Up to "unusual postures": Harville 2002, section 5; the rest is ours."""
 
@@ -111,9 +110,6 @@ class Choreography(Params):
     turns: int = Field(0, ge=0, le=10)
     """Most turns at an end of the lane, in view, of people who cross or walk as a pair before they go out; each walk
     has one at least. 0: they walk straight through."""
-
-    load: LoadKind | None = None
-    """What these people carry, push or sit in."""
 
     @property
     def end_s(self) -> float:

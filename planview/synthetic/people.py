@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.types import F64
-from planview.synthetic.loads import HeldLoad
 from planview.synthetic.mesh import Mesh, dome_rings, join, limb_rings, rotation_z, sweep
 from planview.synthetic.motion import ACTIONS, Handling, Motion, scripted_motion, step_length_m, wander
 from planview.synthetic.room import furniture_mesh
@@ -52,7 +51,7 @@ class PosedBody:
     """A body in the room.
 
     Attributes:
-        mesh: all parts and what is carried, pushed or sat in, room frame; the lowest point touches the floor.
+        mesh: all parts, room frame; the lowest point touches the floor.
         head: (3,) centre of the head [m].
         top_m: highest point of head and hair above the floor [m].
         hands: (3,) point between the hands [m].
@@ -71,7 +70,6 @@ class Body:
 
     def __init__(self, person: ScenePerson, palette: Palette) -> None:
         self.height_m = person.height_m
-        self.load = None if person.load is None else HeldLoad(person.load, palette)
         h, b = person.height_m, person.build
         shirt = palette.add(person.shirt)
         trousers = palette.add(person.trousers)
@@ -110,10 +108,6 @@ class Body:
             self._leg(placed, pose, side)
         mesh = join(placed)
         lift = -float(mesh.vertices[:, 2].min())
-        if self.load is not None:
-            up = np.array([0.0, 0.0, lift])
-            held = self.load.placed(chest, up, [hand + up for hand in hands])
-            mesh = join([mesh, *(part.moved(eye, -up) for part in held)])
         turn, shift = rotation_z(heading_rad), np.array([x_m, y_m, lift])
         centre = skull @ np.array([0.0, 0.0, (0.935 - NECK) * h]) + neck
         return PosedBody(
@@ -214,16 +208,14 @@ def _foot(h: float, shoes: int) -> Mesh:
     return replace(flat, triangles=flat.triangles[:, ::-1].copy())
 
 
-def pose_at(
-    person_index: int, height_m: float, motion: Motion, t: float, posture: str | None = None
-) -> tuple[Pose, float, float, float]:
-    """Pose and hips (x, y, heading) at a time; ``posture``: of POSTURES, kept throughout.
+def pose_at(person_index: int, height_m: float, motion: Motion, t: float) -> tuple[Pose, float, float, float]:
+    """Pose and hips (x, y, heading) at a time.
 
     Walking legs follow the gait phase with the hip amplitude that makes feet stay on the floor; standing
     people shift their weight and look around; actions blend in by their weights.
     """
     xy, heading, phase, speed, actions = motion.at(t)
-    w = dict(zip(ACTIONS, actions, strict=True)) | ({posture: 1.0} if posture else {})
+    w = dict(zip(ACTIONS, actions, strict=True))
     still = float(np.clip(1.0 - speed / 0.35, 0.0, 1.0))
     going = min(1.0, speed / 0.35) * (1.0 - max(w["sit"], w["floor"], w["low"]))
     step = float(step_length_m(height_m, np.array([speed]))[0])
@@ -247,9 +239,8 @@ def pose_at(
         "spread": np.full(2, 0.02), "abduct": np.full(2, 0.12),
     }  # fmt: skip
     for name, target in POSTURES.items():
-        weight = w.get(name, 0.0)
         for joint, value in target.items():
-            pose[joint] = pose[joint] + weight * (np.asarray(value) - pose[joint])
+            pose[joint] = pose[joint] + w[name] * (np.asarray(value) - pose[joint])
     joints = {name: (float(both[0]), float(both[1])) for name, both in pose.items() if name != "lean"}
     posed = Pose(
         lean=float(pose["lean"][0]),
@@ -307,8 +298,7 @@ class Cast:
         actors, bodies = [], {}
         for i, (motion, body) in enumerate(zip(self.motions, self._bodies, strict=True)):
             if motion.exists(t):
-                posture = body.load.posture if body.load else None
-                bodies[i] = body.pose(*pose_at(i, body.height_m, motion, t, posture))
+                bodies[i] = body.pose(*pose_at(i, body.height_m, motion, t))
                 actors.append(Actor(bodies[i].mesh, i + 1, bodies[i]))
         for item, mesh in self._things:
             place, heading, z = self._place(item, t, bodies)

@@ -98,7 +98,6 @@ Wall = Literal["south", "north", "west", "east"]
 FurnitureKind = Literal[
     "table", "chair", "office_chair", "partition", "box", "shelf", "plant", "sofa", "column", "bench", "door", "bag"
 ]
-LoadKind = Literal["box", "backpack", "pram", "wheelchair", "child"]
 
 
 class Surface(Params):
@@ -207,8 +206,6 @@ class ScenePerson(Params):
     hair_style: Literal["short", "long", "bald"] = "short"
     sleeves: Literal["long", "short"] = "long"
     skirt: bool = False
-    load: LoadKind | None = None
-    """What the person carries, pushes or sits in throughout."""
     enter_s: float = Field(0.0, ge=0)
     """When the person comes to be, at ``start_m`` (choose a place out of view) [s]."""
     start_m: Pair

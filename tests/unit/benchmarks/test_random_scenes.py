@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.random_scenes.generator import KINDS, LOADS, SUITE, VIEWS, random_scene, scene_of_table
+from benchmarks.random_scenes.generator import KINDS, SUITE, VIEWS, random_scene, scene_of_table
 from benchmarks.random_scenes.stage import EXPOSURE_DELAY_S, FreeFloor, automatic_exposure
 from benchmarks.random_scenes.tables import Challenge, NoPlaceError, Phenomenon, resolved
 from calib.errors import InputError, WorkError
@@ -18,7 +18,7 @@ from planview.synthetic.camera import ground_camera
 from planview.synthetic.people import Cast
 from planview.synthetic.texture import Palette
 
-FILES = sorted([*SUITE.glob("*.toml"), *LOADS.glob("*.toml")])
+FILES = sorted(SUITE.glob("*.toml"))
 TABLE = {
     "description": "two cross, one stands",
     "covers": ["320x240"],
@@ -134,11 +134,6 @@ def test_similar_clothes_are_the_same_and_children_are_small():
     scene = challenge(5, walkers, clothes="similar", children=1)
     assert len({p.shirt for p in scene.people}) == 1
     assert sorted(p.height_m < 1.25 for p in scene.people) == [False, False, True]
-
-
-def test_people_of_a_choreography_carry_its_load():
-    scene = random_scene("suite", 1, LOADS / "pram.toml").scene
-    assert [person.load for person in scene.people] == ["pram", None]
 
 
 def test_ranges_that_ask_for_too_much_are_refused_in_one_sentence(monkeypatch):

@@ -9,7 +9,6 @@ from cli import JsonOf
 from calib.errors import InputError
 from calib.world import load_rigs
 from planview.synthetic import assets
-from planview.synthetic.loads import LOADS
 from planview.synthetic.motion import scripted_motion, step_length_m
 from planview.synthetic.people import Body, Cast, Pose, pose_at
 from planview.synthetic.render import SceneRenderer, SensorModel
@@ -20,7 +19,7 @@ from planview.trajectories.table import read_truth
 from tests.reference.noise import fractal_noise as plain_noise
 
 COMMITTED = sorted(assets.SCENES.rglob("*.toml"))
-OTHERS = {"demo", "loads", "rigs", "suite", "views"}
+OTHERS = {"demo", "rigs", "suite", "views"}
 SCENES = [p for p in COMMITTED if p.parent.name not in OTHERS and not p.name.endswith(".rules.toml")]
 RIG = "[rig]\nat_m = [3, 0.3, 2.5]\n"
 
@@ -81,25 +80,6 @@ def test_body_faces_its_heading_and_swings_a_flexed_hip_forward():
     assert raised.mesh.vertices[:, 1].max() > 0.6  # the raised leg points along +y
     assert raised.mesh.vertices[:, 1].min() > -0.25
     assert still.pose(Pose(lean=1.0), 0, 0, np.pi / 2).chest == pytest.approx([0, np.cos(1.0), -np.sin(1.0)])
-
-
-@pytest.mark.parametrize("kind", LOADS)
-def test_load_is_part_of_a_person_and_leaves_head_and_floor_where_they_are(kind):
-    plain, loaded = (Body(ScenePerson(start_m=(0, 0), load=load), Palette()) for load in (None, kind))
-    motion = scripted_motion(walker(), {}, 2)
-    posture = loaded.load.posture
-    without, body = (b.pose(*pose_at(0, b.height_m, motion, 1.0, posture)) for b in (plain, loaded))
-    assert len(body.mesh.triangles) > len(without.mesh.triangles)
-    assert body.head == pytest.approx(without.head) and body.top_m == pytest.approx(without.top_m)
-    assert body.mesh.vertices[:, 2].min() == pytest.approx(0.0, abs=0.02)
-
-
-def test_backpack_is_behind_and_a_box_between_the_hands():
-    backpack = Body(ScenePerson(start_m=(0, 0), load="backpack"), Palette()).pose(Pose(), 0, 0, 0)
-    assert backpack.mesh.vertices[:, 0].min() == pytest.approx(-0.3, abs=0.01)
-    person = Body(ScenePerson(start_m=(0, 0), load="box"), Palette())
-    body = person.pose(*pose_at(0, 1.72, scripted_motion(walker(), {}, 2), 1.0, "carry"))
-    assert body.mesh.vertices[:, 0].max() == pytest.approx(body.hands[0] + 0.17, abs=0.04)  # its corners turn a little
 
 
 def walker(*steps, **values):
