@@ -1,22 +1,19 @@
-"""Counts and occupancy of one camera against known truth: committed scenes with rules, and random views with a line."""
+"""Counts and occupancy of one camera against known truth: committed scenes with rules, and random conference rooms."""
 
 from __future__ import annotations
 
-import math
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated
 
 import numpy as np
-import pandas
 from cyclopts import Parameter
 
 from benchmarks.options import BenchOptions, Row, progress, rendered, report, scene_files
-from benchmarks.passes import bootstrap
-from benchmarks.random_scenes.generator import VIEWS, random_scene
+from benchmarks.random_scenes.generator import random_scene
 from benchmarks.random_scenes.tables import RandomScene
 from benchmarks.real import SingleTracker
 from calib.errors import InputError
@@ -38,11 +35,10 @@ WINDOW_S = 2.0
 VISIBLE_MIN = 0.25
 """A person counts as visible from this share of the body on: a head and shoulders, or one in a row of people."""
 ACCURACY_MIN = 0.97
-"""Counting accuracy that every view must reach; Zhang et al. 2008, table 3, has 76 to 97 %."""
+"""Counting accuracy that every scene must reach; Zhang et al. 2008, table 3, has 76 to 97 %."""
 RIGHT_MIN_PERCENT = {"0": 98.0, "1-2": 98.0, "3-5": 98.0, "6-9": 96.0, "10+": 88.0}
 PAPER_RIGHT_PERCENT = {"0": 96.6, "1-2": 97.4, "3-5": 99.1, "6-9": 95.2, "10+": 85.2}
 """Time with the right occupancy by true number: the aim, and table 4 of Zhang et al. 2008."""
-FULL_BOX = ("full_left_px", "full_top_px", "full_width_px", "full_height_px")
 
 
 def score_rows(recording: str, scores: CountScores) -> dict[str, list[Row]]:
@@ -124,30 +120,6 @@ class Scorer:
         frames = [{"recording": name, **count_frames(tracks, truth, n_frames)}]
         return score_rows(name, scores) | {"frames": frames}
 
-    def view(self, path: Path, seed: int, tracker: SingleTracker) -> Row:
-        """Score the counts at the line of a random view.
-
-        Ellipses are tracked and counted in the image without a camera; the human model on the floor with the true one.
-        """
-        view = random_scene("views", seed, path)
-        recording = rendered(view.scene, f"view-{path.stem}-{seed}", self.cache, self.frames)
-        camera = recording / "camera.toml" if tracker == "human-model" else None
-        engine, tracks = self.track(recording, tracker, camera, f"{path.stem}-{seed}-{tracker}")
-        truth = full_truth(recording / "truth.csv")
-        size = view.scene.mount.width, view.scene.mount.height
-        rules = parse_rules(view_rules(view), RulePlane(engine.camera, size), "line")
-        n = self.frames or view.scene.n_frames
-        scores = score_rules(rules, tracks, truth, view.scene.fps, n)
-        line, middle = scores.crossings["line"], scores.occupancy["middle"]
-        right = sum(g.frames * (g.right_percent or 0.0) for g in middle) / 100
-        return {
-            "view": path.stem, "seed": seed, "tracker": tracker, **directions(line), "strict": strict_accuracy(line),
-            "people": len(np.unique(tracks.track_id[tracks.state == "confirmed"])),
-            "there": len(np.unique(truth.track_id[truth.visible >= VISIBLE_MIN])),
-            "wrong_frames": count_frames(tracks, truth, n)["error"],
-            "occupancy": right / max(1, sum(g.frames for g in middle)),
-        }  # fmt: skip
-
 
 def room_rules(room: RandomScene, plane: RulePlane) -> Rules:
     """The floor of a conference room that its camera sees, as a zone."""
@@ -161,46 +133,6 @@ def score_rules(rules: Rules, tracks: Trajectories, truth: Trajectories, fps: fl
     return score_counts(true, count_tracks(tracks, rules, clock=clock, n_frames=n_frames), WINDOW_S)
 
 
-def view_rules(view: RandomScene) -> dict[str, Any]:
-    """The line of a view, and a zone in its middle: three quarters of its width and height, where there is floor."""
-    camera = view.scene.mount
-    width, height = camera.width, camera.height
-    horizon = (height - 1) / 2 - camera.focal_px / max(math.tan(math.radians(camera.tilt_deg)), 1e-6)
-    left, right, bottom = width / 8, 7 * width / 8, height - 1.0
-    top = max(height / 4, horizon + 0.05 * height)
-    corners = [[left, top], [right, top], [right, bottom], [left, bottom]]
-    line = {"name": "line", "from_px": list(view.wire_px[0]), "to_px": list(view.wire_px[1])}
-    return {"tripwire": [line], "zone": [{"name": "middle", "polygon_px": corners}]}
-
-
-def full_truth(path: Path) -> Trajectories:
-    """``truth.csv`` with the boxes of whole silhouettes inside the image, whatever hides them."""
-    truth = read_truth(path)
-    truth.box_px[:] = pandas.read_csv(path, usecols=FULL_BOX)[[*FULL_BOX]]
-    return truth
-
-
-def strict_accuracy(scores: CrossingScores) -> float:
-    """Strict accuracy of the crossings; 1 where no person crosses and none is counted, 0 where only that is so."""
-    if scores.strict_accuracy is not None:
-        return scores.strict_accuracy
-    return float(scores.found_left_to_right + scores.found_right_to_left == 0)
-
-
-def view_means(views: Sequence[Row]) -> list[Row]:
-    """Each tracker's mean, with the interval that holds 95 % of the means of views resampled from these."""
-    means = []
-    for tracker in dict.fromkeys(row["tracker"] for row in views):
-        mine = [row for row in views if row["tracker"] == tracker]
-        strict = np.array([row["strict"] for row in mine])
-        means.append({
-            "tracker": tracker, "strict_mean": bootstrap(strict, np.ones(len(strict))),
-            "strict_worst": float(strict.min()), "people": sum(row["people"] for row in mine),
-            "there": sum(row["there"] for row in mine), "occupancy": float(np.mean([row["occupancy"] for row in mine])),
-        })  # fmt: skip
-    return means
-
-
 @Parameter(name="*")
 @dataclass(frozen=True)
 class CountingOptions(BenchOptions):
@@ -209,14 +141,11 @@ class CountingOptions(BenchOptions):
     scene: Annotated[Sequence[str], Parameter(negative="", show_default=False)] = ()
     """Only these rendered scenes, by name."""
     tracker: SingleTracker = "human-model"
-    """Tracker of the committed scenes; random views are tracked with both."""
+    """Tracker of the scenes."""
     frames: int | None = None
     """Only the first frames of every rendered scene."""
     scenes: Path = SINGLE
     """Folder with scenes and their rules."""
-    seeds: Annotated[Sequence[int], Parameter(negative="", show_default=False)] = ()
-    """Seeds of the random views of data/synthetic/views (--scene names some of these then). Seeds 0 to 9 were used to
-    tune the engine."""
     rooms: Annotated[Sequence[int], Parameter(negative="", show_default=False)] = ()
     """Seeds of random conference rooms: another camera, other clothes and seats each. Seeds 0 to 9 were used to tune
     the engine."""
@@ -231,25 +160,13 @@ def counting(*, options: CountingOptions | None = None) -> None:
 
     Example of wrong numbers of people: python -m benchmarks counting --scene station --tracker ellipse-particle
 
-    Example with random views: python -m benchmarks counting --seeds 501 --seeds 502
-
     Example with random conference rooms: python -m benchmarks counting --rooms 501 --rooms 502
     """
     o = options or CountingOptions()
-    if (o.frames is not None and o.frames < 1) or any(seed < 0 for seed in (*o.seeds, *o.rooms)):
-        found = f"{o.frames}, {list(o.seeds)} and {list(o.rooms)}"
-        raise InputError(f"expected --frames from 1, --seeds and --rooms from 0, found {found}")
+    if (o.frames is not None and o.frames < 1) or any(seed < 0 for seed in o.rooms):
+        raise InputError(f"expected --frames from 1, --rooms from 0, found {o.frames}, {list(o.rooms)}")
     with tempfile.TemporaryDirectory() as temporary:
         scorer = Scorer(o.cache_folder, o.frames, o.out or Path(temporary), o.settings())
-        if o.seeds:
-            views = [
-                scorer.view(path, seed, tracker)
-                for seed in o.seeds
-                for path in scene_files(o.scene, VIEWS)
-                for tracker in get_args(SingleTracker)
-            ]
-            report(o.json_output, views=views, means=view_means(views))
-            return
         rooms = {f"conference-{seed}": random_scene("conference", seed) for seed in o.rooms}
         scored = [scorer.scene(r.scene, name, o.tracker, partial(room_rules, r)) for name, r in rooms.items()]
         for path in () if rooms else scene_files(o.scene, o.scenes, RULES):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator, Sequence
@@ -14,7 +13,6 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import cv2
-import numpy as np
 from joblib import Parallel, delayed, parallel_config
 
 import planview
@@ -22,7 +20,6 @@ from benchmarks import peaks
 from benchmarks.options import progress, show
 from benchmarks.peaks import PeakTracker
 from calib.io import whole_folder
-from calib.types import F64
 from planview.engine.config import Config
 from planview.engine.engine import Engine
 from planview.engine.open import open_engine
@@ -34,8 +31,6 @@ from planview.output.run import RunOptions, run
 from stereo.readers import OpenOptions
 
 FACING = "median difference of walkers to the truth, or where that has no facing, to their direction of walking"
-RESAMPLES = 2000
-"""Bootstrap samples: the ends of a 95 % interval then rest on 50 samples each."""
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
@@ -165,17 +160,6 @@ def print_scores(what: str, scores: Sequence[SceneScore]) -> None:
         for error in score.evaluation.significant:
             who = f"person {error.truth_id}, track {error.track_id}"
             print(f"{what}: {score.name} ({score.seed}) frame {error.frame}: {error.kind}, {who}: {error.note}")
-
-
-def bootstrap(numerator: F64, denominator: F64) -> tuple[float, float, float]:
-    """The ratio of two sums over (R,) recordings, and its 95 % percentile interval; NaN where there is none."""
-    samples = np.random.default_rng(0).integers(0, len(numerator), (RESAMPLES, len(numerator)))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        value = float(numerator.sum() / denominator.sum())
-        resampled = numerator[samples].sum(axis=1) / denominator[samples].sum(axis=1)
-    known = resampled[np.isfinite(resampled)]
-    low, high = np.percentile(known, (2.5, 97.5)) if len(known) else (math.nan, math.nan)
-    return value, float(low), float(high)
 
 
 def _row(names: dict[str, Any], evaluation: Evaluation) -> dict[str, Any]:

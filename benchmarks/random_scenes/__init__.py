@@ -1,1 +1,1 @@
-"""Random scenes: the challenge suite, views of one camera, conference rooms, two rigs; each from a seed."""
+"""Random scenes: the challenge suite, conference rooms, two rigs; each from a seed."""

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from calib.params import Params
-from planview.synthetic.scene import Capture, Pair, Scene
+from planview.synthetic.scene import Pair, Scene
 from planview.synthetic.write import RigScene
 
 Phenomenon = Literal[
@@ -56,13 +56,11 @@ class RandomScene:
     """A scene of a seed, and what is to be counted in it.
 
     Attributes:
-        wire_px: both ends of a line in the image, of a view.
         zone_m: corners of a zone on the floor in the camera's frame, of a conference room.
         rigs: the stereo rigs in the room; empty where the scene's own camera is the only one.
     """
 
     scene: Scene
-    wire_px: tuple[Pair, Pair] = ((0.0, 0.0), (0.0, 0.0))
     zone_m: tuple[Pair, ...] = ()
     rigs: tuple[RigScene, ...] = ()
 
@@ -171,64 +169,3 @@ class Challenge(Params):
         if self.camera.height_m > self.room.height_m - 0.1:
             raise ValueError("expected the camera at least 0.1 m below the ceiling")
         return self
-
-
-class ViewCamera(Params):
-    """Where the camera hangs follows from how large people are in its image."""
-
-    width: int = Field(320, ge=64, le=1280)
-    height: int = Field(240, ge=48, le=960)
-    tilt_deg: float = Field(ge=0, le=87)
-    """Angle of the optical axis from straight down."""
-    lens_deg: float = Field(50.0, ge=25, le=100)
-    """Vertical field of view [deg]."""
-    person_share: float = Field(ge=0.04, le=0.9)
-    """Height of a person in the middle of the view over the height of the image."""
-
-
-class ViewWalks(Params):
-    """Who passes the line, and how."""
-
-    people: int = Field(ge=1, le=30)
-    start_s: float = Field(1.5, ge=0)
-    """When the first person comes to be [s]."""
-    every_s: float = Field(3.0, ge=0.2, le=60)
-    """Mean time between two people's coming [s]."""
-    across: bool = False
-    """Across the view, from side to side; else towards the camera and away from it."""
-    order: Literal["mixed", "waves", "single"] = "mixed"
-    """mixed: each a direction of their own. waves: the first half one way, the second half the other. single: each
-    comes when the one before has gone."""
-    together: float = Field(0.2, ge=0, le=1)
-    """Share of people who walk next to the one before."""
-    width_m: float = Field(2.2, ge=0.8, le=12)
-    """Width of the way [m]."""
-    speed_mps: Pair = (0.9, 1.5)
-    stop_s: Pair = (0.0, 0.0)
-    """How long people stand in the middle of their way [s]."""
-
-
-class ViewRoom(Params):
-    """The room around the way."""
-
-    beyond_m: float = Field(2.0, ge=0.5, le=20)
-    """From the middle of the view to the wall behind it [m]."""
-    gloss: float = Field(0.0, ge=0, le=0.3)
-    """Share of light that the floor mirrors."""
-    grey_clothes: float = Field(0.1, ge=0, le=1)
-    """Share of people whose clothes have the wall's colour."""
-    moved: bool = False
-    """Whether a piece of furniture is moved once."""
-
-
-class ViewTable(Params):
-    """A scene of one camera, past which people walk (``data/synthetic/views``)."""
-
-    description: str
-    fps: float = Field(10.0, ge=5, le=30)
-    duration_s: float = Field(30.0, ge=5, le=120)
-    camera: ViewCamera
-    walks: ViewWalks
-    light: LightTable = LightTable()
-    room: ViewRoom = ViewRoom()
-    capture: Capture = Capture()

@@ -22,7 +22,6 @@ from benchmarks.calibration import (
     low_room_floor,
 )
 from benchmarks.options import report
-from benchmarks.passes import bootstrap
 from benchmarks.speed import LIMITS, Yardstick, compared, counted, one_core, ratio_row
 from calib.pose import SE3
 from calib.rig import world_from_plane
@@ -105,8 +104,3 @@ def test_floor_of_a_level_camera_is_found_among_larger_walls(seed: int) -> None:
     assert room.share < 0.07
     height_m, angle_deg = floor_errors(low_room_floor(room), room.floor)
     assert height_m < HEIGHT_OFF_M and angle_deg < ANGLE_OFF_DEG
-
-
-def test_interval_spans_the_resampled_recordings_and_is_their_figure_where_they_are_equal():
-    assert bootstrap(np.array([0.0, 4.0]), np.ones(2)) == (2.0, 0.0, 4.0)
-    assert bootstrap(np.array([3.0, 3.0]), np.array([2.0, 2.0])) == (1.5, 1.5, 1.5)

@@ -1,22 +1,17 @@
-"""Counts and occupancy: committed scenes, random views, wrong numbers of people, and the naive tracker."""
-
-from pathlib import Path
+"""Counts and occupancy: committed scenes, wrong numbers of people, and the naive tracker."""
 
 import numpy as np
 import pytest
 
 from benchmarks.__main__ import main_benchmarks as main
-from benchmarks.counting import RULES, SINGLE, count_frames, full_truth, score_rows, strict_accuracy, view_rules
+from benchmarks.counting import RULES, SINGLE, count_frames, score_rows
 from benchmarks.options import scene_files
 from benchmarks.peaks import PeakTracker, peaks
-from benchmarks.random_scenes.generator import VIEWS, random_scene
 from calib.errors import InputError
 from planview.counting.events import Event
-from planview.counting.rules import RulePlane, parse_rules
 from planview.counting.totals import CountScores, OccupancyGroup, crossing_scores
 from planview.maps.grid import Grid, MapParams
 from planview.maps.plan_view import FloorPoints, PlanViewMaps, plan_view
-from planview.synthetic.camera import ground_camera
 from planview.tracking.base import Observation
 from planview.trajectories.table import read_tracks, read_truth
 
@@ -41,35 +36,11 @@ def test_accuracy_and_occupancy_below_the_limits_are_not_ok() -> None:
     assert (zone["right_percent"], zone["ok"]) == (90.0, False)
 
 
-@pytest.mark.parametrize(("word", "value"), [("--frames", "0"), ("--seeds", "-1")])
+@pytest.mark.parametrize(("word", "value"), [("--frames", "0"), ("--rooms", "-1")])
 def test_bad_numbers_of_frames_and_seeds_are_refused(capsys, word, value):
     with pytest.raises(SystemExit, match="2"):
         main(["counting", word, value])
-    assert "expected --frames from 1, --seeds and --rooms from 0" in capsys.readouterr().err
-
-
-def test_view_that_nobody_crosses_is_right_when_nobody_is_counted():
-    assert strict_accuracy(crossing_scores([], [], 2.0)) == 1.0
-
-
-def test_every_view_is_found_and_drawn_and_an_unknown_one_refused():
-    assert VIEWS / "bus_door.toml" in scene_files((), VIEWS)
-    with pytest.raises(InputError, match="found 'moon'"):
-        scene_files(["moon"], VIEWS)
-
-
-def test_zone_of_a_nearly_horizontal_view_is_floor():
-    view = random_scene("views", 1, VIEWS / "lobby.toml")
-    camera = ground_camera(view.scene.camera)
-    (zone,) = parse_rules(view_rules(view), RulePlane(camera), "line").zones
-    assert zone.plane == "floor"
-
-
-def test_truth_has_the_boxes_of_whole_silhouettes(tmp_path: Path):
-    header = "frame,id,x_m,y_m,height_m,visible,left_px,top_px,width_px,height_px,full_left_px,full_top_px"
-    path = tmp_path / "truth.csv"
-    path.write_text(f"{header},full_width_px,full_height_px\n0,1,0,0,1.7,0.5,10,10,5,5,8,6,9,20\n")
-    assert full_truth(path).box_px.tolist() == [[8, 6, 9, 20]]
+    assert "expected --frames from 1, --rooms from 0" in capsys.readouterr().err
 
 
 TRUTH = "frame,timestamp_s,id,x_m,y_m,height_m,visible\n0,0,1,,,,1\n1,0.1,1,,,,1\n1,0.1,2,,,,0.1\n2,0.2,1,,,,1\n"

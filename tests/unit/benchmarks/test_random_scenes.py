@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.random_scenes.generator import KINDS, SUITE, VIEWS, random_scene, scene_of_table
+from benchmarks.random_scenes.generator import KINDS, SUITE, random_scene, scene_of_table
 from benchmarks.random_scenes.stage import EXPOSURE_DELAY_S, FreeFloor, automatic_exposure
 from benchmarks.random_scenes.tables import Challenge, NoPlaceError, Phenomenon, resolved
 from calib.errors import InputError, WorkError
@@ -83,7 +83,7 @@ def test_tightest_scene_is_found():
 @pytest.mark.parametrize("kind", KINDS)
 def test_scene_of_a_seed_is_always_the_same_and_of_another_seed_another(kind):
     path = KINDS[kind][0]
-    path = path / {"suite": "exposure.toml", "views": "lobby.toml"}[kind] if path.is_dir() else path
+    path = path / "exposure.toml" if path.is_dir() else path
     first, again, other = (random_scene(kind, seed, path) for seed in (3, 3, 4))
     assert first.scene == again.scene and first.scene != other.scene
 
@@ -160,24 +160,6 @@ def test_route_goes_around_what_is_not_free_and_there_is_none_through_a_wall():
     assert max(p[1] for p in way) > 2.0 and way[-1] == pytest.approx(end)
     with pytest.raises(NoPlaceError):
         FreeFloor(points[~wall], 0.2).route(start, end)
-
-
-@pytest.mark.parametrize("path", sorted(VIEWS.glob("*.toml")), ids=lambda p: p.stem)
-def test_line_of_a_view_lies_in_the_image_and_everybody_has_time_to_pass_it(path):
-    for seed in range(4):
-        view = random_scene("views", seed, path)
-        size = np.array([view.scene.camera.width, view.scene.camera.height])
-        for end in view.wire_px:
-            assert (np.array(end) >= 0).all() and (np.array(end) < size).all()
-        assert view.scene.people and all(p.enter_s < view.scene.duration_s - 3 for p in view.scene.people)
-
-
-def test_person_in_the_middle_of_a_view_is_as_large_as_its_table_has_it():
-    given = {"description": "", "camera": {"tilt_deg": 75, "person_share": 0.5}, "walks": {"people": 1}}
-    camera = ground_camera(scene_of_table("views", given, 0, "one").scene.camera)
-    foot = camera.back_project(np.array([[159.5, 180.0]]))[0]
-    rows = camera.project(np.array([[*foot, 0.0], [*foot, 1.7]]))[:, 1]
-    assert abs(rows[1] - rows[0]) / 240 == pytest.approx(0.5, abs=0.06)
 
 
 def test_room_fills_with_twelve_people_who_all_leave() -> None:
