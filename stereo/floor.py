@@ -27,9 +27,9 @@ from stereo.rig_correction import match_corners
 
 SETUP_FRAMES = 24
 """Frames, spread over a recording, in which floor and rig are measured."""
-STEP_PX = 3
+FITTED_STEP_PX = 3
 """The floor is fitted to every n-th row and column."""
-MIN_WATCHED, NEARER = 5, 1.15
+MIN_WATCHED, NEARER_FACTOR = 5, 1.15
 """What moves shows in at least 5 frames; it is nearer by this factor than the usual depth of its pixel: a
 person half a metre in front of a wall 4 m away."""
 MIN_BODY, ELONGATED = 60, 2.0
@@ -307,7 +307,7 @@ def floor_in(
         blind: what may be wrong when there is hardly any depth, for the message.
         align: improves the plane that was chosen.
     """
-    grids = [back_project(d, geometry)[::STEP_PX, ::STEP_PX] for d in depths]
+    grids = [back_project(d, geometry)[::FITTED_STEP_PX, ::FITTED_STEP_PX] for d in depths]
     clouds = [grid.reshape(-1, 3) for grid in grids]
     valid = float(np.median([np.isfinite(cloud[:, 2]).mean() for cloud in clouds])) if clouds else 0.0
     if valid < MIN_VALID:
@@ -339,7 +339,7 @@ def _moved(grids: list[F32]) -> list[F64] | None:
     inverse = 1.0 / np.maximum(np.stack(grids)[..., 2], 0.01)
     # Unknown depth counts as farther than all else, so that what is hardly ever measured has no usual depth.
     usual = np.median(np.nan_to_num(inverse, nan=0.0), axis=0)
-    nearer = (inverse > NEARER * usual) & (usual > 0)
+    nearer = (inverse > NEARER_FACTOR * usual) & (usual > 0)
     found = [np.empty((0, 3))]
     for grid, mask in zip(grids, nearer, strict=True):
         count, patches = cv2.connectedComponents(cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)))

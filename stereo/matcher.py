@@ -16,10 +16,10 @@ from calib.rig import Floor
 from calib.types import F32, U8, AnyArray
 from stereo.depth import Matched, RectifiedGeometry, sample_means, whole_samples
 
-STEP = 16
+DISPARITY_STEP = 16
 """SGBM counts disparities in multiples of 16, and returns sixteenths of a pixel."""
 
-NEAREST_M = 0.5
+SEARCHED_FROM_M = 0.5
 """A camera that close to a head shows nothing but the head: no disparities are spent on it."""
 LEVEL_MIN = 0.05
 """Rays that descend less per metre of depth meet no floor in view."""
@@ -71,13 +71,13 @@ def disparity_range(
         level, steep = _descent(geometry, floor)
         clearance = floor.height_m - params.reach_m
         if clearance > 0 and steep > 0:
-            nearest = max(clearance / steep, NEAREST_M)
+            nearest = max(clearance / steep, SEARCHED_FROM_M)
         if level > LEVEL_MIN:
             farthest = (floor.height_m + params.below_floor_m) / level
     first = max(0, math.floor(geometry.disparity_at(farthest)) - 1) if math.isfinite(farthest) else 0
     last = math.ceil(geometry.disparity_at(nearest)) + 1
-    count = STEP * math.ceil(max(STEP, last - first) / STEP)
-    return DisparityRange(first, min(count, STEP * (params.max_disparities // STEP)))
+    count = DISPARITY_STEP * math.ceil(max(DISPARITY_STEP, last - first) / DISPARITY_STEP)
+    return DisparityRange(first, min(count, DISPARITY_STEP * (params.max_disparities // DISPARITY_STEP)))
 
 
 def _descent(geometry: RectifiedGeometry, floor: Floor) -> tuple[float, float]:
@@ -175,7 +175,9 @@ class SgbmMatcher:
         self.shape = -(-geometry.height // n), -(-geometry.width // n)
         self.disparities = found = disparities or disparity_range(geometry)
         self._first = found.first_px // n
-        self._count = STEP * math.ceil((found.first_px + found.count - n * self._first) / (n * STEP))
+        self._count = DISPARITY_STEP * math.ceil(
+            (found.first_px + found.count - n * self._first) / (n * DISPARITY_STEP)
+        )
         whole = np.full((geometry.height, geometry.width), 255, np.uint8)
         left, right = (valid_mask(whole if m is None else m, p) for m in (mask, right_mask))
         self._mask, self._right_mask = left[::n, ::n], right[::n, ::n]
@@ -228,7 +230,9 @@ class SgbmMatcher:
         usable = (cv2.subtract(brightest, darkest) >= TEXTURE_MIN) & (darkest < SATURATED_LEVEL)
         usable &= self._mask > 0
         disparity = np.empty(fixed.shape, np.float32)
-        coarse_disparity(fixed, usable.view(np.uint8), self._right_mask, self.step, STEP * self._first, disparity)
+        coarse_disparity(
+            fixed, usable.view(np.uint8), self._right_mask, self.step, DISPARITY_STEP * self._first, disparity
+        )
         return disparity
 
     def _make_sgbm(self) -> cv2.StereoSGBM:

@@ -17,7 +17,7 @@ from calib.kernels import kernel
 from calib.rig import DepthSensor, RgbdRig
 from calib.types import F32, F64, U8
 from stereo.depth import DISPARITY_STD_PX, RectifiedGeometry
-from stereo.matcher import STEP, DisparityRange
+from stereo.matcher import DISPARITY_STEP, DisparityRange
 from stereo.rectify import RectifyParams, Warp, ideal_pinhole, source_pixels
 
 
@@ -140,4 +140,4 @@ class RgbdRectifier:
 
     def disparities(self) -> DisparityRange:
         """Equivalent disparities from infinity to 0.4 m: no depth sensor for rooms measures nearer."""
-        return DisparityRange(0, STEP * int(np.ceil(self.geometry.disparity_at(0.4) / STEP)))
+        return DisparityRange(0, DISPARITY_STEP * int(np.ceil(self.geometry.disparity_at(0.4) / DISPARITY_STEP)))

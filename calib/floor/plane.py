@@ -22,7 +22,7 @@ FLOOR_DISPARITY_STD_PX = 0.15
 """Deviation of the background's disparity after medians [px]: what sub-pixel bias leaves."""
 INLIER_SIGMAS = 3.0
 """Points within this many deviations lie on a plane: 99.7 % of Gaussian noise."""
-GATE = 3.0 * INLIER_SIGMAS
+FRAME_GATE_PX = 3.0 * INLIER_SIGMAS
 """The same in a single frame, whose disparity deviates three times as much as the medians (0.45 px)."""
 MIN_INLIER_FRACTION = 0.025
 """Least share of the valid depth a floor covers (less is a shelf or a step)."""
@@ -166,7 +166,7 @@ class Cells:
         if q is None:
             return Rays(self._rays, self._medians(self.points.inverse), self._sigma)
         value = self.points.inverse - self.points.rays @ q
-        near = np.abs(value) < GATE * self.points.sigma
+        near = np.abs(value) < FRAME_GATE_PX * self.points.sigma
         mostly = np.bincount(self._index[near], minlength=len(self.counts)) > 0.5 * self.counts
         used = near | ~mostly[self._index]
         return Rays(self._rays, self._medians(np.where(used, value, np.inf)) + self._rays @ q, self._sigma)
@@ -304,7 +304,7 @@ def judge(plane: Plane, view: Rays, cells: Cells, moved: Moved, params: FloorPar
     far = float(np.quantile(view.inverse, 1 - SEEN_QUANTILE))
     within = max(float(share[view.rays @ plane.q > far].sum()), on)
     # How points crowd on the plane before any median: share of those near it that are within half that distance.
-    sharpness = float((distance < GATE / 2).sum() / max((distance < GATE).sum(), 1))
+    sharpness = float((distance < FRAME_GATE_PX / 2).sum() / max((distance < FRAME_GATE_PX).sum(), 1))
     if refused := out_of_place(plane, params):
         pass
     elif on < MIN_INLIER_FRACTION:

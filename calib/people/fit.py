@@ -18,11 +18,11 @@ from calib.people.model import (
     FOCAL,
     GIRTH,
     HEIGHT,
-    LEAN_M,
     N_CAMERA,
     N_SHARED,
     ROLL,
     STATURE,
+    SWAY_STD_M,
     TILT,
     WIDTH_STD,
     CameraPrior,
@@ -190,7 +190,9 @@ class Residuals:
         sigma = np.hypot(POINT_PX, 0.02 * diagonal) * np.ones((1, 8))
         sigma[:, 4:] = POINT_PX
         covariance = sigma[:, :, None] ** 2 * np.eye(8)
-        deviation = np.column_stack([self.people.scale_std, np.full((len(rows), 3), (LEAN_M, LEAN_M, WIDTH_STD))])
+        deviation = np.column_stack(
+            [self.people.scale_std, np.full((len(rows), 3), (SWAY_STD_M, SWAY_STD_M, WIDTH_STD))]
+        )
         for k in range(4):
             odd = np.zeros((len(rows), 4))
             odd[:, k] = 1e-4

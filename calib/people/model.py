@@ -148,7 +148,7 @@ PERSON_STD = 0.045
 """Relative deviation of one adult's height from the mean (women and men together, 8 cm)."""
 WIDTH_STD = 0.12
 """Relative deviation of the width of one person's box from the mean (arms, strides, turned sideways)."""
-LEAN_M = 0.04
+SWAY_STD_M = 0.04
 """Deviation of the head from above the middle between the feet along each floor axis [m] (gait)."""
 
 

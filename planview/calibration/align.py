@@ -39,7 +39,7 @@ MEET_M = 0.40
 """Two positions nearer than this are of one person [m]: a torso's width."""
 HEIGHT_M = 0.15
 """People whose heights differ by more are different [m]."""
-NEAR_M = 0.25
+SAME_PLACE_M = 0.25
 """The same once the motion is known [m]: farther ones are of people half hidden from one of the rigs."""
 NOISE_M = 0.03
 """Differences of positions from which on they count linearly [m]."""
@@ -48,7 +48,7 @@ SHARED_S = 8.0
 RIVAL_SHARE = 0.8
 """A quite different motion under which so large a share of the best one's people meet makes the result ambiguous:
 to and fro on one line is the same line turned by 180 degrees at another clock."""
-DISPARITY_STD_PX = 0.05
+HEAD_ERROR_STD_PX = 0.05
 """Deviation of that from one camera to another [px]; it is a part of the deviations of x and y."""
 DISPARITY_PX = 0.07
 """What is missing in the disparities of people [px]: they are small against the window of the matching, which mixes
@@ -200,7 +200,7 @@ def align_rigs(first: Paths, second: Paths, clock_s: float = 10.0, disparity_px:
         )
     scores = np.array([_score(hypothesis, first, second) for hypothesis in found])
     best = found[int(np.argmax(scores))]
-    for meet_m in [MEET_M] * 4 + [NEAR_M] * 4:
+    for meet_m in [MEET_M] * 4 + [SAME_PLACE_M] * 4:
         best = _refined(best, first, second, meet_m, disparity_px)
     top = _score(best, first, second)
     rival = max((score for other, score in zip(found, scores, strict=True) if _apart(best, other)), default=0.0)
@@ -328,7 +328,7 @@ def _refined(motion: RigAlignment, first: Paths, second: Paths, meet_m: float, d
     # (4, 4) of the values: of correlated noise, and of systematic errors of one deviation each (N, 2) that are
     # not solved for (consider covariance).
     jacobian = result.jac * NOISE_M
-    worse_px = disparity_px + DISPARITY_STD_PX
+    worse_px = disparity_px + HEAD_ERROR_STD_PX
     off = [residual_m(result.x, first_px=worse_px), residual_m(result.x, second_px=worse_px)]
     systematic_m = np.column_stack(off) - left[:, None]
     sigma = max(float(np.median(np.abs(left)) / 0.6745), 1e-3)

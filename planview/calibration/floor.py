@@ -23,8 +23,8 @@ from stereo.depth import RectifiedGeometry, median_image
 from stereo.floor import FloorSearch, spread_frames
 from stereo.recording import DepthCamera, Pair, Recording
 
-GRID = (90, 220, 90)
-AXIS = (60, 200, 255)
+GRID_COLOUR = (90, 220, 90)
+AXIS_COLOUR = (60, 200, 255)
 
 
 class FloorDepths:
@@ -116,11 +116,11 @@ def draw_grid(image: U8, project: Project, extent_m: tuple[float, float, float, 
     size = (canvas.shape[1], canvas.shape[0])
     for line in grid_lines(project, extent_m, size):
         points = np.rint(line.pixels).astype(np.int32).reshape(-1, 1, 2)
-        cv2.polylines(canvas, [points], False, GRID, 1, cv2.LINE_AA)
+        cv2.polylines(canvas, [points], False, GRID_COLOUR, 1, cv2.LINE_AA)
     for axis, name in (((1.0, 0.0, 0.0), "x"), ((0.0, 1.0, 0.0), "y")):
         ends = project(np.array([[0.0, 0.0, 0.0], axis]))
         if np.isfinite(ends).all():
             start, end = (tuple(int(v) for v in np.clip(np.rint(p), -9999, 9999)) for p in ends)
-            cv2.arrowedLine(canvas, start, end, AXIS, 2, cv2.LINE_AA)
-            cv2.putText(canvas, name, end, cv2.FONT_HERSHEY_SIMPLEX, 0.6, AXIS, 2, cv2.LINE_AA)
+            cv2.arrowedLine(canvas, start, end, AXIS_COLOUR, 2, cv2.LINE_AA)
+            cv2.putText(canvas, name, end, cv2.FONT_HERSHEY_SIMPLEX, 0.6, AXIS_COLOUR, 2, cv2.LINE_AA)
     return canvas

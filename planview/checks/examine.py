@@ -24,7 +24,7 @@ from calib.types import F64, U8
 from planview.checks.check import Check, limited
 from planview.checks.registration import registration_checks
 from planview.checks.scene import (
-    MIN_VALID,
+    VALID_SHARE_MIN,
     alignment_checks,
     camera_height,
     flicker_check,
@@ -262,7 +262,7 @@ def _checks_of_one(
     ]
 
 
-STEP = 10
+EVERY_NTH_FRAME = 10
 """Depth and heights are measured in every n-th frame (for speed)."""
 MEASUREMENTS_MAX = 1000
 """Measurements that the height of people depends on."""
@@ -288,7 +288,7 @@ class RecordingWatch:
         if depth is not None and depth.greys is not None:
             self._motion.update(thumbnails(*depth.greys))
             self._levels.append(grey_level(depth.greys[0]))
-        if depth is not None and self._frames % STEP == 0:
+        if depth is not None and self._frames % EVERY_NTH_FRAME == 0:
             self._valid.append(float(np.isfinite(depth.disparity).mean()))
             if foreground is not None:
                 rig = self._rig
@@ -305,7 +305,7 @@ class RecordingWatch:
         return [
             *self._motion.checks(),
             flicker_check(list(self._levels)),
-            limited("valid disparity", valid, "", "share of the picture, median frame", least=MIN_VALID),
+            limited("valid disparity", valid, "", "share of the picture, median frame", least=VALID_SHARE_MIN),
             height_check(heights),
             self._speed.check(),
         ]

@@ -24,7 +24,7 @@ REACH_PX = (16, 32)
 MAX_SHIFT_PX = 12.0
 """Depth may lie this far from its image [px of 640]: registered depth of Kinects lies 8 px to one side, since it ends
 where the light's shadow begins."""
-MIN_LIKENESS = 0.15
+CORRELATION_MIN = 0.15
 """Sum of the correlations of edges and of what moves from which they are judged; what belongs together has 0.5 or more
 (our choice)."""
 FLIPS = {"mirrored": (1, -1), "upside down": (-1, 1), "turned by 180 degrees": (-1, -1)}
@@ -60,7 +60,7 @@ def place_check(frames: Sequence[Frame[Shot]]) -> tuple[Check, bool]:
     better than it does as it is by ``SURELY`` deviations (jackknife over frames)."""
     name, scores = "depth on its image", _scores(frames) if len(frames) >= 4 else np.zeros((1, 1, 1, 1))
     whole = scores.mean(axis=0)
-    if whole.max() < MIN_LIKENESS:
+    if whole.max() < CORRELATION_MIN:
         return Check(name, True, math.nan, note="too few edges to compare"), False
     without = (scores.sum(axis=0) - scores) / (len(frames) - 1)
     best = _places(whole)

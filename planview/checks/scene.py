@@ -83,7 +83,7 @@ def epipolar_error(left: F64, right: F64, rotation: F64, translation: F64) -> fl
     return float(np.median(np.abs(np.sum(normals * right, axis=1))))
 
 
-BLOCK_PX = 8
+CODED_BLOCK_PX = 8
 """Side of the blocks that JPEG, MPEG and H.264 transform."""
 
 
@@ -152,11 +152,11 @@ def flicker_check(levels: Sequence[float]) -> Check:
 def blocking(image: U8) -> float:
     """Mean grey step along the rows of a (H, W) image across the borders of blocks, over that inside of them."""
     steps = np.abs(np.diff(image[::4].astype(np.int16), axis=1)).mean(axis=0)
-    border = np.arange(len(steps)) % BLOCK_PX == BLOCK_PX - 1
+    border = np.arange(len(steps)) % CODED_BLOCK_PX == CODED_BLOCK_PX - 1
     return float(steps[border].mean() / max(float(steps[~border].mean()), 1e-3)) if border.any() else np.nan
 
 
-TOLERANCE = 0.08
+HEIGHT_TOLERANCE = 0.08
 """A known height must be met within this share: 5 cm of noise and shoes, and some error of the floor."""
 POSSIBLE_M, LIKELY_M = (0.4, 2.3), (1.5, 1.95)
 """Heights of moving things that can be people, and of standing adults, whom a usual recording shows [m]."""
@@ -175,7 +175,7 @@ def height_check(heights: F64, person_height_m: float | None = None) -> Check:
         inside = LIKELY_M[0] <= value <= LIKELY_M[1]
         note = unknown if inside else f"likely {causes}"
         return limited("person height", value, "m", note, least=LIKELY_M[0], most=LIKELY_M[1], warns=True)
-    least, most = person_height_m * (1 - TOLERANCE), person_height_m * (1 + TOLERANCE)
+    least, most = person_height_m * (1 - HEIGHT_TOLERANCE), person_height_m * (1 + HEIGHT_TOLERANCE)
     note = f"known to be {person_height_m:g} m" if math.isfinite(value) else "no person was found to measure"
     return limited("person height", value, "m", f"{note}: baseline and units", least=least, most=most, needed=True)
 
@@ -229,7 +229,7 @@ def standing_things(disparity: F32, moved: Bool, geometry: RectifiedGeometry, fl
     return np.array(found, dtype=np.float64).reshape(-1, 2)
 
 
-MIN_VALID = 0.35
+VALID_SHARE_MIN = 0.35
 """Share of pixels with a disparity; bare walls and saturated floors have none, people must."""
 
 
@@ -238,7 +238,9 @@ def scene_checks(seen: PairFrames | DepthFrames, floor: Floor | None, refused: s
     inside = seen.rectifier.mask > 0
     shares = [float(np.mean(np.isfinite(disparity[inside]))) for disparity in seen.disparities]
     return [
-        limited("valid disparity", float(np.median(shares)), "", "share of the picture, median frame", least=MIN_VALID),
+        limited(
+            "valid disparity", float(np.median(shares)), "", "share of the picture, median frame", least=VALID_SHARE_MIN
+        ),
         *floor_checks(floor, refused),
         *depth_checks(seen.rectifier.geometry),
     ]

@@ -15,7 +15,7 @@ from calib.types import F64, U8
 from planview.checks.check import Check, limited
 from stereo.recording import Recording
 
-STEP_PX = 2
+COMPARED_STEP_PX = 2
 """Every n-th row and column is compared: a person at 8 m still has 100 pixels."""
 OWN_VIEW = 8
 """The outer 1/n of each image, which the other camera may not show, is left out: a disparity of 80 px of 640."""
@@ -56,7 +56,10 @@ class Thumbnails(NamedTuple):
 def thumbnails(left: U8, right: U8) -> Thumbnails:
     """Of rectified (H, W) grey images; rows of both still show the same part of the scene."""
     own = left.shape[1] // OWN_VIEW
-    inside = left[::STEP_PX, own::STEP_PX], right[::STEP_PX, : right.shape[1] - own : STEP_PX]
+    inside = (
+        left[::COMPARED_STEP_PX, own::COMPARED_STEP_PX],
+        right[::COMPARED_STEP_PX, : right.shape[1] - own : COMPARED_STEP_PX],
+    )
     return Thumbnails(*(np.ascontiguousarray(image) for image in inside))
 
 
@@ -254,7 +257,7 @@ def repeated_check(images: Sequence[U8]) -> Check:
     """Consecutive images of one camera that repeat the one before while something moves."""
     watch = MotionWatch()
     for image in images:
-        small = as_grey(image)[::STEP_PX, ::STEP_PX]
+        small = as_grey(image)[::COMPARED_STEP_PX, ::COMPARED_STEP_PX]
         watch.update(Thumbnails(small, small))
     note = "share of frames that repeat the one before"
     return limited("repeated frames", watch.repeated, "", note, most=MAX_REPEATED, warns=True)

@@ -26,7 +26,7 @@ from calib.people.samples import HumanSample, check_samples, read_image_size, re
 from calib.rig import Floor
 from calib.types import F64, U8
 from calib.world import load_world, save_world
-from planview.calibration.floor import AXIS, GRID, FloorDepths, draw_grid, floor_from_tracks
+from planview.calibration.floor import AXIS_COLOUR, GRID_COLOUR, FloorDepths, draw_grid, floor_from_tracks
 from planview.calibration.people import COMPUTED, collect_samples, crowd, draw_person, draw_samples, floor_around
 from planview.commands.options import Flag, FrameRate, JsonFlag, in_range, say
 from planview.drawing.style import Entry, as_bgr, with_legend
@@ -146,8 +146,8 @@ def calibrate_floor(recording: Path, /, *, options: FloorOptions = FloorOptions(
 
 
 _LEGEND = [
-    Entry(as_bgr(GRID), "a line per metre of floor"),
-    Entry(as_bgr(AXIS), "x and y, 1 m from below the camera"),
+    Entry(as_bgr(GRID_COLOUR), "a line per metre of floor"),
+    Entry(as_bgr(AXIS_COLOUR), "x and y, 1 m from below the camera"),
 ]
 
 

@@ -23,7 +23,7 @@ from planview.trajectories.table import IGNORED, Trajectories, frame_period_s, f
 
 INTERVALS_MAX = 10_080
 """Intervals of the totals at most, a week of minutes: where the clock has jumped they are longer."""
-JUMP_S = 600.0
+CLOCK_JUMP_S = 600.0
 """A step of the clock from one frame to the next that is longer is a jump [s]: no recorder pauses so long unnoticed."""
 SLOW_S = 5.0
 """Milliseconds read as seconds make a frame last so long at up to 200 frames per second."""
@@ -71,7 +71,7 @@ class Clock:
     def jump(self) -> str:
         """The longest jump between two frames with rows, or frames that last too long, in words; empty for neither."""
         steps = np.diff(self._times)
-        if not len(steps) or steps.max() <= JUMP_S:
+        if not len(steps) or steps.max() <= CLOCK_JUMP_S:
             slow = len(steps) > 0 and (steps >= SLOW_S * np.diff(self._frames)).all()
             return f"a frame lasts {self.frame_s:.3g} s: are the times milliseconds?" if slow else ""
         n = int(np.argmax(steps))

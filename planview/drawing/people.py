@@ -83,7 +83,7 @@ def facing_arrow(person: TrackState) -> F64 | None:
     return ends if np.isfinite(ends).all() else None
 
 
-MARGIN_M = 0.6
+SHOWN_MARGIN_M = 0.6
 _VIEW, _PAPER, _LINE = (247, 238, 232), (255, 255, 255), (222, 222, 222)
 
 
@@ -102,7 +102,7 @@ def bounds_of(*places_m: F64) -> PlanBounds:
     known = np.concatenate([np.empty((0, 2)), *places_m])
     known = known[np.isfinite(known).all(axis=1)]
     low, high = (known.min(axis=0), known.max(axis=0)) if len(known) else (np.full(2, -2.0), np.full(2, 2.0))
-    return PlanBounds(*(low - MARGIN_M).tolist(), *(high + MARGIN_M).tolist())
+    return PlanBounds(*(low - SHOWN_MARGIN_M).tolist(), *(high + SHOWN_MARGIN_M).tolist())
 
 
 class PlanPainter:

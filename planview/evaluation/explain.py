@@ -20,7 +20,7 @@ from planview.trajectories.table import Trajectories
 GOOD, GAIN = 0.8, 0.2
 """Share of the truth's rows near a track from which nothing needs explaining, and which an explanation must come near
 to and gain at the least (our choice)."""
-NEAR_M, NEAR_BOX = 0.4, 0.3
+CLOSE_M, CLOSE_BOX = 0.4, 0.3
 """Rows are near on the floor [m], and in the image [heights of the median box]."""
 VOTERS, VOTED_ON = 300, 1500
 """Rows of the truth and of the tracks that vote, spread over the whole."""
@@ -106,7 +106,7 @@ class _Rows(NamedTuple):
     def of(table: Trajectories, near: float | None) -> _Rows:
         """``near``: the side of a box that is near [px]; None for places on the floor."""
         if near is None:
-            return _Rows(table.frame.astype(np.float64), np.column_stack([table.x_m, table.y_m]) / NEAR_M)
+            return _Rows(table.frame.astype(np.float64), np.column_stack([table.x_m, table.y_m]) / CLOSE_M)
         return _Rows(table.frame.astype(np.float64), (table.box_px[:, :2] + table.box_px[:, 2:] / 2) / near)
 
     def thinned(self, most: int) -> _Rows:
@@ -125,7 +125,7 @@ class _Rows(NamedTuple):
 def explanation(truth: Trajectories, tracks: Trajectories, on_floor: bool) -> str:
     """A sentence on the change of the truth that makes it fit the tracks, rows that have what is compared; empty where
     they fit already, or where no change explains it."""
-    near = None if on_floor else NEAR_BOX * float(np.median(tracks.box_px[:, 3])) if len(tracks) else 1.0
+    near = None if on_floor else CLOSE_BOX * float(np.median(tracks.box_px[:, 3])) if len(tracks) else 1.0
     followed = _Rows.of(tracks, near)
     if len(truth) < 20 or len(tracks) < 20:
         return ""
@@ -164,7 +164,7 @@ def shift_between(truth: Trajectories, tracks: Trajectories, on_floor: bool) -> 
     where there are none."""
     if not (len(truth) and len(tracks)):
         return 0
-    near = None if on_floor else NEAR_BOX * float(np.median(tracks.box_px[:, 3]))
+    near = None if on_floor else CLOSE_BOX * float(np.median(tracks.box_px[:, 3]))
     return -voted_shift(_Rows.of(truth, near).thinned(VOTERS), _Rows.of(tracks, near).thinned(VOTED_ON))
 
 
@@ -172,7 +172,7 @@ def _beside(offset: F64, near: float | None) -> str:
     if near is not None:
         x, y = np.round(-near * offset).astype(int).tolist()
         return f"its boxes lie {x:+d}, {y:+d} px beside the tracks"
-    x, y = (0.01 * np.round(-100 * NEAR_M * offset).astype(int)).tolist()
+    x, y = (0.01 * np.round(-100 * CLOSE_M * offset).astype(int)).tolist()
     return f"it lies {x:+.2f}, {y:+.2f} m beside the tracks (align them)"
 
 

@@ -47,7 +47,7 @@ def log_assessment(stream: rr.RecordingStream, results: RunFolder) -> None:
         stream.log("errors", rr.TextLog(text, level=rr.TextLogLevel.ERROR))
 
 
-BODY_M = 0.5
+BOX_WIDTH_M = 0.5
 """Width of the boxes around people [m]."""
 
 
@@ -212,7 +212,7 @@ class RerunLog:
         labels, colours = _labels_and_colours(tracks)
         places = [(track.x_m, track.y_m, 1.7 if math.isnan(track.height_m) else track.height_m) for track in tracks]
         boxes = rr.Boxes3D(
-            centers=[(x, y, z / 2) for x, y, z in places], sizes=[(BODY_M, BODY_M, z) for *_, z in places],
+            centers=[(x, y, z / 2) for x, y, z in places], sizes=[(BOX_WIDTH_M, BOX_WIDTH_M, z) for *_, z in places],
             colors=colours, labels=labels,
         )  # fmt: skip
         self._stream.log("world/people", boxes)

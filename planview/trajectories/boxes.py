@@ -272,7 +272,7 @@ ENDS_EARLY = 0.9
 """Share of a video's frames up to which detections should go."""
 STEP_MAX = 10
 """Most frames that a detector moves on by at a time."""
-PERSON = 1
+PERSON_CLASS = 1
 """Category of people in COCO."""
 
 
@@ -390,7 +390,7 @@ def _coco(path: Path, text: str) -> tuple[F64, str, str]:
     for number, entry in enumerate(listed, 1):
         try:
             frame, box = entry["image_id"], [float(value) for value in entry["bbox"]]
-            category, score = float(entry.get("category_id", PERSON)), float(entry.get("score", 1.0))
+            category, score = float(entry.get("category_id", PERSON_CLASS)), float(entry.get("score", 1.0))
             if not (isinstance(frame, int) and 0 <= frame <= FRAMES_MAX) or len(box) != 4:
                 raise ValueError
             expected = "boxes with a width and height above 0" if min(box[2:]) <= 0 else ""

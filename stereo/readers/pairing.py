@@ -114,7 +114,7 @@ def _unpaired(file: Path, left: list[Path], right: list[Path]) -> InputError:
     return InputError(f"{file}: expected a mate in the other folder for every image, {found}")
 
 
-TOLERANCE = 0.25
+PAIRED_WITHIN = 0.25
 """Times of a pair differ at most by this share of the frame period (a walker of 2 m/s moves 1.7 cm in a
 quarter of 1/30 s; a mate that is farther off may as well be that of the next frame)."""
 ONE_TIME = "no two frames have different times"
@@ -146,7 +146,7 @@ class TimePairs:
 
 
 def pair_stamps(left_ns: I64, right_ns: I64, names: tuple[str, str] = ("left", "right")) -> TimePairs:
-    """Pair frames that are nearest to each other and at most ``TOLERANCE`` frame periods apart.
+    """Pair frames that are nearest to each other and at most ``PAIRED_WITHIN`` frame periods apart.
 
     Times run on at the nominal rate where the clock was set meanwhile; frames that arrive late are put in their place.
 
@@ -162,7 +162,7 @@ def pair_stamps(left_ns: I64, right_ns: I64, names: tuple[str, str] = ("left", "
         left, right = (np.where(order < n, order, -1) for n in counts)
         return TimePairs(left, right, np.zeros(len(order)), math.nan, (ONE_TIME,))
     period = float(np.median(steps))  # of the camera that has more frames [ns]
-    tolerance, notes, offset = period * TOLERANCE, [], 0
+    tolerance, notes, offset = period * PAIRED_WITHIN, [], 0
     if counts[0] == counts[1] > 0:
         # A clock that is ahead: all frames are as far apart. With other counts which belong together would be a guess.
         ahead = int(np.median(right_ns - left_ns))
@@ -246,7 +246,7 @@ def nearest_mates(images: I64, depths: I64) -> I64:
     """Position of the depth image of each of (n,) images among (m,) int64 [ns], -1 without one: nearest to each other,
     and near enough."""
     period = float(np.median(np.diff(np.sort(images)))) if len(images) > 1 else 0.0
-    return _mates(images, depths, max(MAX_APART_S * 1e9, TOLERANCE * period))[0]
+    return _mates(images, depths, max(MAX_APART_S * 1e9, PAIRED_WITHIN * period))[0]
 
 
 def depth_note(mates: I64, where: str = "") -> list[str]:

@@ -16,7 +16,7 @@ from calib.rig import StereoRig
 from calib.types import F64, U8
 from stereo.rig_correction import match_corners
 
-NEARER = 0.8
+NEARER_SHARE = 0.8
 """Share of corners nearer than infinity of views in their right order; of swapped ones nearly none is."""
 ROWS_PX = 1.5
 """Median row offset [px of 640] up to which rows count as aligned (a worn factory calibration has 0.6)."""
@@ -45,7 +45,7 @@ def find_order(matches: F64, rig: StereoRig, rectified: StereoRig) -> Order | No
     fits = []
     for is_rectified, swapped in product((False, True), repeat=2):
         nearer, rows_px = _fit(matches, rectified if is_rectified else rig, swapped)
-        if nearer >= NEARER and rows_px <= ROWS_PX:
+        if nearer >= NEARER_SHARE and rows_px <= ROWS_PX:
             # What is usual counts unless the rows agree twice as well.
             fits.append((rows_px * (2.0 if is_rectified else 1.0), Order(swapped, is_rectified, nearer)))
     return min(fits, key=lambda fit: fit[0])[1] if fits else None
@@ -98,7 +98,7 @@ def settled(pairs: Iterable[tuple[U8, U8]], rig: StereoRig, other: StereoRig, ho
     if len(matches) < 40:
         return rig, ""
     (_, own_px), (nearer, other_px) = _fit(matches, rig), _fit(matches, other)
-    if nearer >= NEARER and other_px <= ROWS_PX and other_px < 0.5 * own_px:
+    if nearer >= NEARER_SHARE and other_px <= ROWS_PX and other_px < 0.5 * own_px:
         state = "rectified already" if is_ideal(other) else "not rectified, whatever their topics are called"
         rows = f"rows differ by {other_px:.1f} px, else by {own_px:.1f}"
         return other, f"the images are {state} ({rows})" + (f"; {how}" if how else "")
