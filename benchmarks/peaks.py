@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import ClassVar, Literal
 
 import cv2
 import numpy as np
@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 
 from calib.types import F64
 from planview.maps.plan_view import PlanViewMaps
-from planview.tracking.base import Decision, Observation, TrackerDebug
+from planview.tracking.base import Decision, Needs, Observation, TrackerDebug
 from planview.trajectories.state import TrackState
 
 BLUR_M, SEPARATION_M = 0.06, 0.34
@@ -49,6 +49,7 @@ def peaks(maps: PlanViewMaps) -> F64:
 class PeakTracker:
     """A ``Tracker``: the Hungarian method on the distance of peaks from the people of the frame before."""
 
+    needs: ClassVar[Needs] = "maps"
     decisions: tuple[Decision, ...] = ()
     _people: list[TrackState] = field(default_factory=list)
     _seen: dict[int, tuple[int, float]] = field(default_factory=dict)

@@ -22,6 +22,8 @@ from calib.io import entries, read_text
 from calib.types import F64, I64
 from stereo.readers.pairing import JUMP_S, pair_stamps
 
+LATEST_S = 4.2e9
+"""No clock counts more seconds; larger times are of another unit, whatever their column is called."""
 NS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
 """Nanoseconds of a unit."""
 _MAX_STEP = {"s": 2, "ms": 2_000, "us": 2_000_000}
@@ -55,7 +57,8 @@ def read_stamps(source: Path, texts: Sequence[str], unit: str | None = None) -> 
         unit, values = "date", [round(day.timestamp()) * NS["s"] + int(digits.ljust(9, "0")) for day, digits in days]
     else:
         numbers = [_number(text, source) for text in texts]
-        unit = unit or unit_of(numbers)
+        if unit is None or (unit == "s" and max(map(abs, numbers), default=0) > LATEST_S):
+            unit = unit_of(numbers)
         values = [int(number * NS[unit]) for number in numbers]
     if beyond := [text for text, value in zip(texts, values, strict=True) if abs(value) > 2**62]:
         raise InputError(f"{source}: expected times, found {beyond[0][:40]!r} ({unit})")
@@ -66,7 +69,7 @@ def unit_of(numbers: Sequence[Decimal]) -> str:
     """The unit of times: of a clock that was set by their magnitude, else by their median step."""
     largest = max((abs(number) for number in numbers), default=Decimal(0))
     for unit, ns in NS.items():
-        if 9.0e8 <= float(largest) * ns / 1e9 <= 4.2e9:  # seconds since 1970 of the years 1998 to 2103
+        if 9.0e8 <= float(largest) * ns / 1e9 <= LATEST_S:  # seconds since 1970 of the years 1998 to 2103
             return unit
     steps = np.abs(np.diff(np.array([float(number) for number in numbers])))
     steps = steps[steps > 0]
@@ -141,7 +144,9 @@ MAX_BYTES = 1 << 25
 """Larger files are no tables of frames: half a day at 30 Hz fills this."""
 _FRAME = ("frame", "frame_id", "frame_number", "frame_no", "frame_index", "index", "idx", "id", "seq", "n")
 _TIME = re.compile(r"#?\s*(timestamp|time|stamp|t)s?(?:[ _]?[\[(]?(ns|us|ms|s|sec|nsec|usec|msec)[\])]?)?")
-_UNITS = {"nsec": "ns", "usec": "us", "msec": "ms", "ns": "ns", "us": "us", "ms": "ms"}
+_UNITS = {"nsec": "ns", "usec": "us", "msec": "ms", "sec": "s", "ns": "ns", "us": "us", "ms": "ms", "s": "s"}
+SLOW_S = 2.0
+"""Steps from which nobody can be followed from frame to frame [s]: at a walking pace they are three metres."""
 
 
 class TimeTable(NamedTuple):
@@ -154,8 +159,8 @@ class TimeTable(NamedTuple):
 
 def load_timestamps(path: Path) -> TimeTable:
     """Times by frame index, from 0, in a CSV with the columns ``frame,timestamp_s`` (also time, timestamp_ns and the
-    like). The unit is recognised from magnitude and steps (``unit_of``), whatever the column is called; a clock that
-    jumps ahead runs on at the nominal rate."""
+    like). The unit is the one that the column names, else it is recognised from magnitude and steps (``unit_of``); a
+    clock that jumps ahead runs on at the nominal rate."""
     rows, unit = _rows(path)
     stamps = read_stamps(path, [text for _, text in rows], unit)
     frames = [frame for frame, _ in rows]
@@ -173,6 +178,10 @@ def load_timestamps(path: Path) -> TimeTable:
     times[frames] = paired.times_s if paired.notes else seconds
     unit = "dates" if stamps.unit == "date" else stamps.unit
     note = () if unit == "s" else (f"times of {path.name} are taken as {unit}",)
+    step_s = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
+    if step_s > SLOW_S:
+        slow = f"{path.name}: a frame every {step_s:g} s, at which nobody can be followed; another unit?"
+        note = (f"{slow} (the column's name gives it: timestamp_s, timestamp_ms, timestamp_us or timestamp_ns)",)
     return TimeTable(times, (*note, *paired.notes))
 
 
@@ -240,7 +249,7 @@ def unused_times(folder: Path, used: Path | None) -> tuple[str, ...]:
 
 
 def _rows(path: Path) -> tuple[list[tuple[int, str]], str | None]:
-    """Frame and time of every row, and the unit that the column names; a column of seconds may hold anything."""
+    """Frame and time of every row, and the unit that the column names."""
     expected = f"{path}: expected the columns frame,timestamp_s with numbers"
     rows: list[tuple[int, str]] = []
     try:

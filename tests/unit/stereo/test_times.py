@@ -163,3 +163,20 @@ def test_table_of_times_that_is_too_short_or_counts_from_1_is_noted(
     assert [frame.timestamp_s for frame in recording] == pytest.approx(found_s)
     (found,) = recording.notes
     assert "timestamps.csv" in found and found.endswith(note)
+
+
+@pytest.mark.parametrize(
+    ("column", "times", "period_s", "noted"),
+    [
+        ("timestamp_s", (0, 10, 20), 10.0, "a frame every 10 s, at which nobody can be followed"),
+        ("timestamp_ms", (0, 100, 200), 0.1, "taken as ms"),
+        ("time", (0, 100, 200), 0.1, "taken as ms"),
+        ("timestamp_s", (1_700_000_000_000, 1_700_000_000_100, 1_700_000_000_200), 0.1, "taken as ms"),
+    ],
+    ids=["time-lapse", "named", "by its steps", "no clock counts so many seconds"],
+)
+def test_the_unit_of_times_is_that_of_their_column(tmp_path, column, times, period_s, noted):
+    table = "".join(f"{frame},{time}\n" for frame, time in enumerate(times))
+    (tmp_path / "timestamps.csv").write_text(f"frame,{column}\n{table}")
+    found, notes = load_timestamps(tmp_path / "timestamps.csv")
+    assert found[1] == pytest.approx(period_s) and noted in notes[0]
