@@ -1,6 +1,7 @@
 """Another tracker: the nearest height maximum, with no memory of appearance.
 
-A tracker has ``update`` (once per frame, in order), ``reset``, ``decisions`` and ``debug`` (``planview.Tracker``).
+A tracker has ``update`` (once per frame, in order), ``reset``, ``decisions`` and ``debug``, and says what it ``needs``
+(``planview.Tracker``).
 Everything that earlier stages know comes in the observation; here the plan-view maps are enough.
 
 Run: python examples/own_tracker.py [RECORDING]
@@ -21,6 +22,7 @@ REACH_M = 0.6
 class NearestMaximum:
     """People are maxima of the height map; each takes the name of the nearest one of the frame before."""
 
+    needs = "maps"
     decisions: tuple[planview.Decision, ...] = ()
 
     def __init__(self) -> None:

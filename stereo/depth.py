@@ -159,12 +159,14 @@ class Matched(NamedTuple):
         left, right: (h, w) uint8, the pair's samples, each the mean of 5x5.
         disparity: (h, w) float32 of the left samples [px], NaN where unknown.
         kept: pairs since then, in which nothing has moved.
+        seen: pairs since the first one.
     """
 
     left: U8
     right: U8
     disparity: F32
     kept: int
+    seen: int
 
 
 @dataclass(frozen=True, eq=False)

@@ -123,6 +123,8 @@ about 2 cm at 4 m."""
 KEPT_MAX = 3
 """Most pairs in a row that keep a disparity. The background learns how much disparities vary from their noise, which a
 kept one hides; at 30 frames per second each of its pixels learns from every fourth frame only."""
+FIRST_PAIRS = 100
+"""So many pairs are matched whatever they show: the background begins, and every observation of it counts alike."""
 SLOPE_NOISE = 12.0
 """Squared slopes that 5x5 samples of noise alone add up to [grey levels^2 / px^2]: .7 of a level each."""
 
@@ -198,11 +200,12 @@ class SgbmMatcher:
         since it was found. Not in several threads at once."""
         left, right = sample_means(left_grey, self.step), sample_means(right_grey, self.step)
         smooth_left, smooth_right = (np.asarray(cv2.blur(samples, (5, 5)), np.uint8) for samples in (left, right))
-        if last is not None and last.kept < KEPT_MAX:
+        seen = 1 if last is None else last.seen + 1
+        if last is not None and last.kept < KEPT_MAX and seen > FIRST_PAIRS:
             changes = cv2.absdiff(smooth_left, last.left), cv2.absdiff(smooth_right, last.right)
             if max(int(change.max()) for change in changes) < STILL_LEVEL:
-                return last._replace(kept=last.kept + 1)
-        return Matched(smooth_left, smooth_right, self._disparity(left_grey, right_grey, left, right), 0)
+                return last._replace(kept=last.kept + 1, seen=seen)
+        return Matched(smooth_left, smooth_right, self._disparity(left_grey, right_grey, left, right), 0, seen)
 
     def _disparity(self, left_grey: U8, right_grey: U8, left: U8, right: U8) -> F32:
         """(h, w) float32 disparity of the samples [px], from images as of a call and their samples."""

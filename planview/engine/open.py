@@ -110,27 +110,27 @@ def engine_of(
         study: the tracker of one camera looks at the beginning of the recording first.
     """
     config = config or _default_config(recording)
-    for part in recording.parts:
-        refuse_untimed(part)
     first = recording.parts[0].head
+    if matcher is not None and not isinstance(first, Pair):
+        raise InputError(f"{recording.path}: expected a recording of one stereo pair for a matcher of your own")
     if isinstance(first, OneCamera):
         ground_camera = load_one_camera(camera, first.size) if isinstance(camera, Path) else camera
         if detections is not None:
             follower: ImageTracker = _box_tracker(recording.n_frames, first, detections, config, ground_camera)
         else:
             follower = _image_tracker(_that_fits(tracker, "image", recording), config, ground_camera)
-        engine = Engine(
-            recording, config, [CameraHead(config.single_camera, first.size, follower, ground_camera)], follower
-        )
+        refuse_untimed(recording)
+        head = CameraHead(config.single_camera, first.size, follower, ground_camera)
+        engine = Engine(recording, config, [head], follower)
         if study:
             engine.study(max(1, round(recording.fps / OVERVIEW_HZ)))
         return engine
     if detections is not None:
         problem = f"{recording.path} is no video of one camera, and boxes are tracked in one image"
         raise InputError(problem, argument="detections")
-    if matcher is not None and not isinstance(first, Pair):
-        raise InputError(f"{recording.path}: expected a recording of one stereo pair for a matcher of your own")
     floor_tracker = _floor_tracker(_that_fits(tracker, "maps", recording), config)
+    for part in recording.parts:
+        refuse_untimed(part)
     heads = [_head_above_floor(part, config, matcher, setup) for part in recording.parts]
     return Engine(recording, config, heads, floor_tracker)
 

@@ -62,7 +62,9 @@ def test_trackers_and_matchers_that_do_not_go_with_a_recording_are_refused(copy,
     with pytest.raises(InputError, match="the tracker ellipse-particle needs one camera without depth"):
         planview.run(copy, tracker="ellipse-particle")
     with pytest.raises(InputError, match="expected a recording of one stereo pair"):
-        planview.run(tmp_path, tracker="ellipse-particle", matcher=lambda left, right: np.zeros(left.shape, np.float32))
+        planview.run(
+            copy / "left", tracker="ellipse-particle", matcher=lambda left, right: np.zeros(left.shape, np.float32)
+        )
 
 
 SHOWN = EMPTY + 12

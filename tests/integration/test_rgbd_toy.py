@@ -52,7 +52,7 @@ def test_unit_of_depth_is_kept_when_the_search_for_another_one_fails(
     recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     opened = open_any(recording)
-    opened.depth_units.units_per_m = 1e5  # the floor would be a few centimetres below the camera
+    opened.head.depth_units.units_per_m = 1e5  # the floor would be a few centimetres below the camera
     seen = DepthFrames(opened)
     assert len(seen.depths) > 0
 
@@ -62,7 +62,7 @@ def test_unit_of_depth_is_kept_when_the_search_for_another_one_fails(
     monkeypatch.setattr("stereo.floor.setup_frames", fail)
     with pytest.raises(InputError, match="a file is gone"):
         seen.floor()
-    assert opened.depth_units.units_per_m == 1e5
+    assert opened.head.depth_units.units_per_m == 1e5
 
 
 def test_floor_of_depth_is_calibrated_as_a_run_finds_it(recording: Path, json_of: JsonOf) -> None:
@@ -80,7 +80,7 @@ def test_person_is_tracked_from_depth_alone_and_alike_step_by_step(engine):
 
 
 def test_a_matcher_of_ones_own_is_refused_for_depth(recording: Path) -> None:
-    with pytest.raises(InputError, match="images with depth"):
+    with pytest.raises(InputError, match="expected a recording of one stereo pair"):
         open_engine(recording, config=FEW, matcher=lambda left, right: np.zeros(left.shape, np.float32))
 
 

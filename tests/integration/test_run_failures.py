@@ -30,6 +30,7 @@ from planview.engine.engine import FrameResult
 from planview.output.folder import read_run_info
 from planview.output.run import run
 from planview.trajectories.table import read_tracks
+from stereo.recording import OpenOptions
 
 
 def test_frames_that_cannot_be_used_are_skipped_counted_and_bridged(cli, copy, tmp_path):
@@ -77,7 +78,8 @@ def test_images_without_a_floor_are_a_failure_told_in_one_sentence(refused, pair
 
 def test_frames_that_are_all_unusable_are_a_failure(engine, recording, tmp_path):
     class Empty:
-        path, n_frames, fps, rig, skipped = recording, 3, 15.0, engine.recording.head.rig, ()
+        path, n_frames, fps, parts, skipped = recording, 3, 15.0, engine.recording.parts, ()
+        notes, files, options, is_live = (), (), OpenOptions(), False
 
         def __iter__(self) -> Iterator[FrameResult]:
             return iter(())

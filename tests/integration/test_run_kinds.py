@@ -139,10 +139,10 @@ def test_a_rig_without_a_frame_is_left_out_of_that_moment(heads, engine):
     frames = [frame for frame, _ in zip(together.recording, range(EMPTY + 6), strict=False)]
     for frame in frames[:-2]:
         both = together.step(frame)
-    assert both.tracks and None not in both.depths
-    left = together.step(replace(frames[-2], frames=(frames[-2].frames[0], None)))
-    assert left.depths[1] is None and left.depth is not None and not left.views[1].shows
-    right = together.step(replace(frames[-1], frames=(None, frames[-1].frames[1])))
+    assert both.tracks and all(view.depth for view in both.views)
+    left = together.step(replace(frames[-2], shots=(frames[-2].shots[0], None)))
+    assert left.views[1].depth is None and left.depth is not None and not left.views[1].shows
+    right = together.step(replace(frames[-1], shots=(None, frames[-1].shots[1])))
     assert right.depth is None and not right.views[0].shows and right.views[1].shows
     assert [t.track_id for t in right.tracks] == [t.track_id for t in both.tracks]
     assert not math.isnan(right.tracks[0].box_px[0])

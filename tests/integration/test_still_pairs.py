@@ -1,6 +1,7 @@
 """Pairs in which nothing moved keep their disparity, whether or not the run was interrupted."""
 
 import copy
+from collections.abc import Iterator
 from itertools import islice
 
 import numpy as np
@@ -13,6 +14,14 @@ from planview.engine.engine import Engine, FrameResult
 def disparity_of(result: FrameResult) -> F32:
     assert result.depth is not None
     return result.depth.disparity
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _no_first_pairs() -> Iterator[None]:
+    """The room is empty for ten frames only."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("stereo.matcher.FIRST_PAIRS", 0)
+        yield
 
 
 @pytest.fixture(scope="module")

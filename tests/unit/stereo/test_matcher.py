@@ -11,6 +11,7 @@ from calib.rig import Floor, world_from_plane
 from calib.types import U8
 from stereo.depth import Matched, RectifiedGeometry
 from stereo.matcher import (
+    FIRST_PAIRS,
     KEPT_MAX,
     DisparityRange,
     RangeParams,
@@ -101,10 +102,15 @@ def brighter(image: U8, levels: int, rows: slice = slice(None), columns: slice =
 
 @pytest.fixture(scope="module")
 def still() -> tuple[SgbmMatcher, Matched, U8, U8]:
-    """A matcher, what it found in a pair, and the pair, which is nowhere too bright to become brighter."""
+    """A matcher after many pairs, what it found in the last, and that pair, nowhere too bright to become brighter."""
     left, right = (np.minimum(image, 200) for image in shifted(12.0))
     matcher = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 32))
-    return matcher, matcher.matched(left, right), left, right
+    return matcher, matcher.matched(left, right)._replace(seen=FIRST_PAIRS), left, right
+
+
+def test_the_first_pairs_are_matched_whatever_they_show(still):
+    matcher, first, left, right = still
+    assert matcher.matched(left, right, first._replace(seen=FIRST_PAIRS - 1)).kept == 0
 
 
 def test_pair_in_which_nothing_moved_is_not_matched_again(still):
