@@ -18,7 +18,7 @@ from planview.maps.grid import MapParams
 from planview.tracking.detections import DetectionParams
 from planview.tracking.ellipse_particle.tracker import EllipseParticleParams
 from planview.tracking.human_model.explanation import HumanModelParams
-from planview.tracking.joint.params import JointParams
+from planview.tracking.joint.ranges import JointParams
 from planview.tracking.template import TemplateParams
 from stereo.floor import SETUP_FRAMES
 from stereo.matcher import RangeParams, SgbmParams

@@ -149,6 +149,8 @@ TURNS, TURNS_PER_RAD = 16, 16 / (2.0 * math.pi)
 CELL_M = 0.025
 BLUR_M = 0.04
 """Deviation of a body's outline from the cylinders: clothes, arms and posture [m] (Harville 2002: 1 to 4 cm)."""
+SURFACE_STD_M = 0.10
+"""Deviation of a body's surface from its table [m]."""
 U_CELLS, W_CELLS = 32, 88
 
 

@@ -1,4 +1,4 @@
-"""Plain numpy twin of the joint tracker's likelihood (``planview/tracking/joint/_likelihood_kernels.py``)."""
+"""Plain numpy twin of the likelihood (``planview/tracking/explain/_likelihood_kernels.py``)."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from calib.types import F64
 from planview.maps.view import SURFACE, UNKNOWN, PixelRays, View
 from planview.tracking import body
 from planview.tracking.human_model.explanation import MaskExplanation
-from planview.tracking.joint import explanation as given
-from planview.tracking.joint.params import JointParams
+from planview.tracking.joint import ranges as given
+from planview.tracking.joint.ranges import JointParams
 
 Poses = Sequence[tuple[float, ...]]
 
@@ -50,10 +50,11 @@ def _of_body(kind: int, z: float, at: float, std: float) -> float:
     if kind == 0:
         return 1.0 - given.SEEN_ON_BODY
     if kind == 2:
-        return given.SEEN_ON_BODY * given.NO_DEPTH
-    var = given.SURFACE_STD_M**2 + (std * z * z) ** 2
+        return given.SEEN_ON_BODY * given.NO_DEPTH_SHARE
+    var = body.SURFACE_STD_M**2 + (std * z * z) ** 2
     normal = math.exp(-0.5 * (z - at) ** 2 / var) / math.sqrt(2 * math.pi * var)
-    return given.SEEN_ON_BODY * (1 - given.NO_DEPTH) * ((1 - given.OUTLIERS) * normal + given.OUTLIERS / given.RANGE_M)
+    density = (1 - given.OUTLIERS) * normal + given.OUTLIERS / given.RANGE_M
+    return given.SEEN_ON_BODY * (1 - given.NO_DEPTH_SHARE) * density
 
 
 def _of_background(kind: int, near: bool, p: JointParams, reach_m: float) -> float:

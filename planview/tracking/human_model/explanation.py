@@ -17,10 +17,10 @@ from planview.maps.view import COLOURED, NO_DEPTH, SURFACE, PixelRays, View, col
 from planview.tracking import body
 from planview.tracking.body import BodyTable, Part, table_of
 from planview.tracking.detections import common
+from planview.tracking.explain.explanation import ANYBODY, Explanation, Likelihood, Owned, People, about
+from planview.tracking.explain.params import PeopleParams
+from planview.tracking.explain.samples import Model
 from planview.tracking.human_model.model_map import HumanModelMapParams
-from planview.tracking.joint.explanation import ANYBODY, Explanation, Likelihood, Owned, People, about
-from planview.tracking.joint.params import PeopleParams
-from planview.tracking.joint.samples import Model
 
 SPACING_M = 0.05
 """Distance of samples on a body [m]."""

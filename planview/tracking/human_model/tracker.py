@@ -16,12 +16,12 @@ from planview.foreground.params import BACKGROUND, PERSON, WALKER
 from planview.maps.view import BACKGROUND_SEEN, SHADOW, SURFACE, PixelRays
 from planview.tracking import body
 from planview.tracking.base import NO_BOX, DecisionKind, Drawing, Needs, Observation, TrackerDebug
+from planview.tracking.explain.explanation import Owned, People
+from planview.tracking.explain.person import side_by_side
+from planview.tracking.explain.tracker import ExplainingTracker
 from planview.tracking.human_model.explanation import HumanModelParams, MaskExplanation, likelihood_of_masks
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.walker import CORE_WIDTH, FloorPlaces, ModelMatch, Walker, births, matches
-from planview.tracking.joint.explanation import Owned, People
-from planview.tracking.joint.person import side_by_side
-from planview.tracking.joint.tracker import ExplainingTracker
 from planview.tracking.kalman import FloorKalman
 from planview.trajectories.state import TrackState
 

@@ -15,11 +15,11 @@ import numpy as np
 from calib.types import F32, F64, I32, I64, U8
 from planview.maps.view import BACKGROUND_SEEN
 from planview.tracking import body
+from planview.tracking.explain.births import EVIDENCE_MAX
+from planview.tracking.explain.explanation import Owned, People, about, upright
+from planview.tracking.explain.person import BORN_LOG_ODDS, Person
 from planview.tracking.human_model.explanation import PATCH_PX, HumanModelParams, MaskExplanation
 from planview.tracking.human_model.model_map import HumanModelMap
-from planview.tracking.joint.births import EVIDENCE_MAX
-from planview.tracking.joint.explanation import Owned, People, about, upright
-from planview.tracking.joint.person import BORN_LOG_ODDS, Person
 
 Motion = Literal["moving", "stopped", "stationary"]
 Stability = Literal["appearing", "disappearing", "occlusion", "stable"]

@@ -81,7 +81,7 @@ def test_kernels_depend_on_constants_of_other_files_but_on_no_reader_or_command(
     root, packages = kernels.ROOT, ("calib", "stereo", "planview")
     files = [file for package in packages for file in (root / package).rglob("*.py") if "@kernel" in file.read_text()]
     rooms = {source.relative_to(root).parent.as_posix() for file in files for source in kernels.sources(file)}
-    assert root / "planview/tracking/body.py" in kernels.sources(root / "planview/tracking/joint/_ascent_kernels.py")
+    assert root / "planview/tracking/body.py" in kernels.sources(root / "planview/tracking/explain/_ascent_kernels.py")
     assert not rooms & {"calib/formats", "stereo/readers", "planview/engine", "planview/output", "planview/commands"}
 
 

@@ -11,11 +11,11 @@ from planview.foreground.params import BACKGROUND, PERSON, WALKER
 from planview.maps.view import BACKGROUND_SEEN, PixelRays, View
 from planview.tracking import body
 from planview.tracking.base import Observation
+from planview.tracking.explain.explanation import People, about, upright
+from planview.tracking.explain.samples import PARTS
 from planview.tracking.human_model import HumanModelParams, HumanModelTracker
 from planview.tracking.human_model.explanation import MaskExplanation, likelihood_of_masks, silhouette
 from planview.tracking.human_model.walker import FloorPlaces, ModelMatch, births, matches
-from planview.tracking.joint.explanation import People, about, upright
-from planview.tracking.joint.samples import PARTS
 from tests.human_model_world import BLUE, CAMERA, FPS, MAP, PARAMS, RED, Drawn, World, confirmed, run
 from tests.reference.explain import log_likelihood_of_mask
 

@@ -14,10 +14,10 @@ from toy_people import look_at, oblique_camera, observed
 
 from planview.maps.view import PixelRays, View
 from planview.tracking import body
+from planview.tracking.explain.births import _behind
+from planview.tracking.explain.explanation import Explanation, upright
 from planview.tracking.joint import JointTracker
-from planview.tracking.joint.births import _behind
-from planview.tracking.joint.explanation import Explanation, likelihood_of_ranges, upright
-from planview.tracking.joint.params import JointParams
+from planview.tracking.joint.ranges import JointParams, likelihood_of_ranges
 from planview.trajectories.state import TrackState
 from stereo.depth import RectifiedGeometry
 
@@ -109,7 +109,7 @@ def test_arrays_that_do_not_fit_each_other_are_refused() -> None:
 
 IN_BOUNDS = """
 import numpy as np
-from planview.tracking.joint.samples import map_lacking
+from planview.tracking.explain.samples import map_lacking
 from test_heads import follow, head, walk
 
 try:

@@ -8,9 +8,9 @@ import pytest
 
 from planview.maps.view import CODES
 from planview.tracking import body
+from planview.tracking.explain.explanation import upright
+from planview.tracking.explain.person import Person, _log_odds, alike, colours_of
 from planview.tracking.joint import JointTracker
-from planview.tracking.joint.explanation import upright
-from planview.tracking.joint.person import Person, _log_odds, alike, colours_of
 from planview.tracking.kalman import FloorKalman
 
 

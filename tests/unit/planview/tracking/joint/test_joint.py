@@ -9,9 +9,9 @@ from toy_people import look_at, oblique_camera, observed
 from planview.maps.view import UNKNOWN
 from planview.tracking import body
 from planview.tracking.base import Observation
+from planview.tracking.explain.explanation import upright
+from planview.tracking.explain.person import Person
 from planview.tracking.joint import JointTracker
-from planview.tracking.joint.explanation import upright
-from planview.tracking.joint.person import Person
 from planview.trajectories.state import TrackState
 
 CAMERA = oblique_camera()

@@ -11,11 +11,10 @@ import numpy as np
 from calib.types import F32, F64, I64, U8, AnyArray, Bool
 from planview.maps.view import CODES, SURFACE, View
 from planview.tracking import body
-from planview.tracking.joint import _ascent_kernels as ascent
-from planview.tracking.joint import _likelihood_kernels as kernels
-from planview.tracking.joint import samples as gathering
-from planview.tracking.joint.params import JointParams
-from planview.tracking.joint.samples import (
+from planview.tracking.explain import _ascent_kernels as ascent
+from planview.tracking.explain import _likelihood_kernels as kernels
+from planview.tracking.explain import samples as gathering
+from planview.tracking.explain.samples import (
     CX,
     CY,
     KNOWN,
@@ -27,22 +26,6 @@ from planview.tracking.joint.samples import (
     Seen,
 )
 
-OUTLIERS = 0.08
-"""Share of a body's disparities that are wrong."""
-SEEN_ON_BODY = 0.93
-"""pF, share of a body's pixels that are foreground."""
-SEEN_ON_BACKGROUND = 0.03
-"""pB, share of the background's pixels that are foreground."""
-NO_DEPTH = 0.15
-"""Share of a body's foreground without disparity."""
-RANGE_M = 6.0
-"""Depth over which wrong disparities spread [m]."""
-UNKNOWN_SHARE = 0.02
-"""kappa, share of the pixels before which something unknown stands."""
-SURFACE_STD_M = 0.10
-"""Deviation of a body's surface from its table [m]."""
-SPACING = 0.7
-"""Distance of samples on a body [patches]."""
 STEPS_M = np.array([0.12, 0.05])
 """Steps of the ascent: a walker's error of prediction, and half a patch [m]."""
 PLACE_STD_MIN_M = 0.02
@@ -87,20 +70,6 @@ class Likelihood(NamedTuple):
         model = self.model.copy()
         model["colour"] = 0.0
         return self._replace(model=model)
-
-
-def likelihood_of_ranges(p: JointParams) -> Likelihood:
-    """For pixels with ranges."""
-    table = body.body_table()
-    model = Model(
-        body=SEEN_ON_BODY, background=SEEN_ON_BACKGROUND, near_people=p.seen_near_people, hidden=0.0,
-        hidden_sitting=0.0, hidden_to=0.0, sitting_from=0.0, no_depth=NO_DEPTH, outliers=OUTLIERS, range_m=RANGE_M,
-        unknown=UNKNOWN_SHARE, surface_var=SURFACE_STD_M**2, colour=p.colour_weight, low_share=p.low_share, sits=0.0,
-        sitting=1.0, masks=0.0, patch_m=p.patch_m, patch_px=0.0, spacing_m=SPACING * p.patch_m,
-        body_m=body.TORSO.height_m, reach_m=body.REACH_M, apart_m=body.APART_M,
-        height_min_m=body.HEIGHT_MIN_M, height_max_m=body.HEIGHT_MAX_M, lean_std_m=body.LEAN_STD_M,
-    )  # fmt: skip
-    return Likelihood.of(model, table, p.disparity_std_px)
 
 
 class Owned(NamedTuple):

@@ -12,11 +12,11 @@ from calib.carried import Carried
 from calib.types import F32, F64, I64
 from planview.maps.view import CODES, View
 from planview.tracking import body
-from planview.tracking.joint.explanation import STEPS_M, SURFACE_STD_M, Explanation, Owned, People, about, upright
-from planview.tracking.joint.params import JointParams
-from planview.tracking.joint.person import BORN_LOG_ODDS, Person, colour_counts, side_by_side
-from planview.tracking.joint.samples import PARTS, TINY, map_lacking
-from planview.tracking.joint.samples import fresh_points as find_fresh
+from planview.tracking.explain.explanation import STEPS_M, Explanation, Owned, People, about, upright
+from planview.tracking.explain.params import PeopleParams
+from planview.tracking.explain.person import BORN_LOG_ODDS, Person, colour_counts, side_by_side
+from planview.tracking.explain.samples import PARTS, TINY, map_lacking
+from planview.tracking.explain.samples import fresh_points as find_fresh
 from planview.tracking.kalman import FloorKalman
 
 EVIDENCE_MAX = 6.0
@@ -38,7 +38,7 @@ class Births(Carried):
 
     CARRIED = ("_tried_m",)
 
-    def __init__(self, params: JointParams) -> None:
+    def __init__(self, params: PeopleParams) -> None:
         self._params = params
         self._tried_m: list[F32] = []
 
@@ -96,7 +96,7 @@ class Births(Carried):
 
     def _fresh(self, k: int, frame: Explanation, o: Owned) -> tuple[I64, F32]:
         """Which pixels of view k have not been tried at the range that they have now, and their points."""
-        n, std_m = len(o.pixels), (SURFACE_STD_M, CHANGED)
+        n, std_m = len(o.pixels), (body.SURFACE_STD_M, CHANGED)
         which, points = np.empty(n, np.int64), np.empty((5, n), np.float32)
         n = find_fresh(o.pixels, o.lacking, o.colours, frame.seen[k], self._tried_m[k], std_m, which, points)
         return which[:n], points[:, :n]
@@ -162,7 +162,7 @@ def odds_of_moving(
     people: Sequence[Person],
     predicted: Sequence[FloorKalman],
     born: Sequence[Person],
-    p: JointParams,
+    p: PeopleParams,
 ) -> F64:
     """(people, newcomers) log-odds of somebody followed being a newcomer, rather than both being there.
 

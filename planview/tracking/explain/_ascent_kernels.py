@@ -12,8 +12,8 @@ import numpy as np
 from calib.kernels import kernel
 from calib.types import F64, Bool
 from planview.tracking.body import LEAN_M
-from planview.tracking.joint._likelihood_kernels import lay_others, log_ratio, visible
-from planview.tracking.joint.samples import CX, CY, CZ, TINY, samples_of
+from planview.tracking.explain._likelihood_kernels import lay_others, log_ratio, visible
+from planview.tracking.explain.samples import CX, CY, CZ, TINY, samples_of
 
 MAX_TURNS = 3
 """Most rounds of the ascent with one step."""

@@ -7,10 +7,10 @@ from toy_people import look_at, oblique_camera, towards
 
 from planview.maps.view import SURFACE, UNKNOWN, View
 from planview.tracking import body
-from planview.tracking.joint.births import Births
-from planview.tracking.joint.explanation import Explanation, People, Samples, about, likelihood_of_ranges, upright
-from planview.tracking.joint.params import JointParams
-from planview.tracking.joint.samples import EX, EY, LAYERS, PARTS, THROUGH, SampleArrays
+from planview.tracking.explain.births import Births
+from planview.tracking.explain.explanation import Explanation, People, Samples, about, upright
+from planview.tracking.explain.samples import EX, EY, LAYERS, PARTS, THROUGH, SampleArrays
+from planview.tracking.joint.ranges import JointParams, likelihood_of_ranges
 
 PARAMS = JointParams()
 ADULT = (0.0, 3.0, 1.75)

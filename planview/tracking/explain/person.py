@@ -16,9 +16,9 @@ from calib.types import F32, F64, I64, U8
 from planview.maps.view import CODES, View, smoothing
 from planview.tracking import body
 from planview.tracking.body import HEIGHT_MEAN_M, HEIGHT_STD_M, LEAN_STD_M
-from planview.tracking.joint.explanation import Owned, People
-from planview.tracking.joint.params import PeopleParams
-from planview.tracking.joint.samples import LEGS_TO, PARTS, TINY, TORSO_TO, Known
+from planview.tracking.explain.explanation import Owned, People
+from planview.tracking.explain.params import PeopleParams
+from planview.tracking.explain.samples import LEGS_TO, PARTS, TINY, TORSO_TO, Known
 from planview.tracking.kalman import FloorKalman
 
 SMOOTHING = smoothing()

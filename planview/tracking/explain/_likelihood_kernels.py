@@ -18,7 +18,7 @@ from calib.types import F32, F64, I64
 from planview.maps.view import BACKGROUND_SEEN as SEEN
 from planview.maps.view import NO_DEPTH, SHADOW, SURFACE, UNKNOWN
 from planview.tracking.body import LEAN_M, TURNS, TURNS_PER_RAD
-from planview.tracking.joint.samples import (
+from planview.tracking.explain.samples import (
     ACROSS,
     AHEAD,
     AT,

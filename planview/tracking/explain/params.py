@@ -32,12 +32,3 @@ class PeopleParams(Params):
     """Time for which a person who left is recognised [s]."""
     lag_s: float = Field(1.5, gt=0, le=60)
     """Time for which evidence of exchanged identities is kept [s]."""
-
-
-class JointParams(PeopleParams):
-    """Of pixels with ranges; all values are physical."""
-
-    disparity_std_px: float = Field(0.35, gt=0, le=5)
-    """Deviation of a disparity on a body [px of the matched image]: matching noise and its bias to whole pixels."""
-    floor_m2: float = Field(20.0, gt=0.1, le=10000)
-    """Area of the floor over which strangers may appear [m^2]."""

@@ -1,0 +1,1 @@
+"""How well people at some places explain every pixel, and following them by it; for trackers to build on."""

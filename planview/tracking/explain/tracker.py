@@ -1,0 +1,176 @@
+"""Following people by how well they explain every pixel; the same for all sensors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import ClassVar, Generic, TypeVar
+
+import numpy as np
+
+from calib.carried import Carried, Records
+from calib.types import F64, Bool
+from planview.maps.view import CODES
+from planview.tracking import body
+from planview.tracking.base import NO_BOX, Box, Decision, DecisionKind, TrackLog
+from planview.tracking.explain.births import EVIDENCE_MAX
+from planview.tracking.explain.explanation import STEPS_M, Explanation, Owned, People, Samples
+from planview.tracking.explain.params import PeopleParams
+from planview.tracking.explain.person import Exchanges, Person, colour_counts, continued
+from planview.tracking.explain.samples import KNOWN, PARTS
+from planview.tracking.kalman import FloorKalman
+from planview.trajectories.state import State, TrackState
+
+HEIGHT_CHANGE_MPS = 0.6
+"""Speed of a head that goes up and down: sitting down, bending [m/s]."""
+STEP_STD_M = 0.2
+"""Deviation of a walker's foot from the place of the head [m]: while the head is out of view, no more may show."""
+
+
+P = TypeVar("P", bound=Person)
+Q = TypeVar("Q", bound=PeopleParams)
+
+
+class ExplainingTracker(Carried, Generic[P, Q]):
+    """Follows people by the likelihood of all pixels, given where people stand; the same for all sensors.
+
+    Existence by the Bernoulli filter of Vo, Vo and Pham 2010.
+    """
+
+    CARRIED: ClassVar[tuple[str, ...]] = ("_people", "_departed", "_exchanges", "_log")
+    RECORDS: ClassVar[Records] = (Person, FloorKalman)
+
+    def __init__(self, params: Q) -> None:
+        self.params = params
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everybody; ids start again at 1."""
+        self._people: list[P] = []
+        self._departed: list[P] = []
+        self._exchanges = Exchanges(self.params)
+        self._log = TrackLog()
+
+    @property
+    def decisions(self) -> tuple[Decision, ...]:
+        """Decisions of the last update."""
+        return self._log.decisions
+
+    def _begin(self, now_s: float) -> float:
+        """Predict everybody; the time since the last frame [s]."""
+        dt = self._log.begin(now_s)
+        for person in self._people:
+            if person.share < 2 * self.params.visible_min:
+                person.kalman = person.kalman.slowed(dt * person.known, body.SLOW_DOWN_S)
+            person.kalman = person.kalman.predicted(dt, body.ACCELERATION_MPS2)
+            person.height_var += HEIGHT_CHANGE_MPS**2 * dt * min(dt, self.params.errors_s)
+            person.predict_facing(dt)
+        return dt
+
+    # -- explaining a frame ---------------------------------------------------------------------------------------
+    def _ascend(self, frame: Explanation, people: People, touch: Bool) -> tuple[Samples, F64, F64, F64]:
+        """Coordinate ascent, nearest first.
+
+        Args:
+            touch: (N, N) who may be on a ray of whom.
+
+        Returns:
+            The samples; of everybody the evidence, the curvature, and what is visible (``Samples.explain``).
+        """
+        predicted, order = people.poses.copy(), frame.nearest_first(people.poses)
+        samples = frame.around(predicted, body.TORSO.torso_radius_m + 0.1)
+        fine = np.array([person.kalman.position_std_m < STEPS_M[1] for person in self._people], np.int64)
+        known = np.array([person.prior for person in self._people], KNOWN)
+        return samples, *samples.explain(people, (predicted, known, STEPS_M, fine), order, touch)
+
+    def _measure(self, person: P, s: Samples, pose: F64, curvature: F64, dt: float) -> None:
+        """The place and the height, as far as the pixels show them."""
+        if person.share < self.params.visible_min:
+            return
+        noise, up = s.noise(pose, curvature)
+        if not person.head_in_view:
+            noise = noise + STEP_STD_M**2 * np.eye(2)
+        person.kalman = person.kalman.found_at(pose[:2], noise, body.SPEED_MAX_MPS)
+        fresh = min(1.0, dt / self.params.errors_s)
+        person.measure_facing(pose, curvature[3:5], fresh)
+        if person.head_in_view:
+            person.height_m, person.height_var = float(pose[2]), 1.0 / (1.0 / person.height_var + up * fresh)
+        else:  # whatever is in view, nobody's height shows without the head
+            person.height_m, person.height_var = person.tall_m, person.upright[1] ** 2
+        person.seen, person.seen_s, person.unseen_s = person.kalman, self._log.now_s, 0.0
+
+    def _weigh(self, person: P, dt: float, away_s: float) -> None:
+        """Update the existence: an unseen person stays for ``away_s`` on average, as far as there is anything to see;
+        then add the frame's evidence."""
+        p, fresh = self.params, min(1.0, dt / self.params.errors_s)
+        if person.share < p.visible_min:
+            person.unseen_s += dt * person.known
+            stays = person.existence * math.exp(-dt * person.known / away_s)
+            person.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
+        if person.known > 0.0:  # else the evidence is the prior of the pose alone
+            person.log_odds += fresh * max(-EVIDENCE_MAX, min(EVIDENCE_MAX, person.evidence))
+        person.log_odds = max(-body.LOG_ODDS_MAX, min(body.LOG_ODDS_MAX, person.log_odds))
+        if person.share >= p.visible_min and person.head_in_view:
+            person.learn_height(fresh, p.low_share)
+
+    # -- identities, births, deaths ---------------------------------------------------------------------------------
+    def _learn(self, owned: Sequence[Owned], apart: Sequence[bool], dt: float) -> None:
+        """Learn the colours of people who touch nobody, and undo exchanged identities."""
+        counts = np.zeros((len(self._people), PARTS, CODES), np.float32)
+        for o in owned:
+            sure = (o.share > 0.8) & (o.owner >= 0)
+            counts += colour_counts(len(self._people), o.owner[sure], o.height[sure], o.colours[sure])
+        for person, seen, alone in zip(self._people, counts, apart, strict=True):
+            if person.share >= 0.5 and alone:
+                person.learn_colours(seen)
+        for one, other, odds in self._exchanges.update(self._people, owned, dt):
+            one.take_identity(other)
+            self._note(one, "identity", f"exchanged with {other.track_id}: colours, log-odds {odds:.1f}", odds)
+
+    def _end(self, person: P, reason: str, may_return: bool) -> None:
+        """Stop following a person, who may be recognised later."""
+        self._note(person, "pruned", reason, person.existence)
+        self._people = [o for o in self._people if o is not person]
+        if may_return:
+            self._departed.append(person)
+
+    def _add(self, newcomer: P, kind: DecisionKind, reason: str, value: float) -> None:
+        """Follow a newcomer under a negative number, until it is recognised or confirmed."""
+        newcomer.track_id = self._log.tentative_id()
+        self._people.append(newcomer)
+        self._note(newcomer, kind, reason, value)
+
+    def _known(self, new: Sequence[P], floor_m2: float) -> list[tuple[P, P, float]]:
+        """Newcomers and the lost or departed people they continue, with the log-odds."""
+        p = self.params
+        self._departed = [person for person in self._departed if self._log.now_s - person.seen_s <= p.remember_s]
+        lost = [person for person in self._people if person.confirmed and person.share < p.visible_min]
+        everybody = self._people + self._departed
+        known = continued(new, lost + self._departed, everybody, floor_m2, p.low_share) if new else {}
+        return [(new[i], *found) for i, found in known.items()]
+
+    def _continue(self, newcomer: P, known: P, odds: float) -> None:
+        """Give a newcomer the identity of a person known before."""
+        reason = f"log-odds {odds:.1f} after {newcomer.born_s - known.seen_s:.1f} s"
+        self._log.note(known.track_id, "reacquired", reason, odds, was=newcomer.track_id)
+        self._departed = [o for o in self._departed if o is not known]
+        self._people = [o for o in self._people if o is not known]
+        newcomer.take_identity(known)
+        newcomer.confirmed, newcomer.counted = True, {}
+
+    def _confirm(self, newcomer: P, reason: str) -> None:
+        was, newcomer.track_id = newcomer.track_id, self._log.person_id()
+        newcomer.confirmed, newcomer.counted = True, {}
+        self._exchanges.rename(was, newcomer.track_id)
+        self._log.note(newcomer.track_id, "confirmed", reason, newcomer.existence, was=was)
+
+    def _note(self, person: P, kind: DecisionKind, reason: str, value: float) -> None:
+        self._log.note(person.track_id, kind, reason, value)
+
+    def _state(self, person: P, box_px: Box = NO_BOX) -> TrackState:
+        seen: State = "confirmed" if person.share >= self.params.visible_min else "lost"
+        k, state = person.kalman, seen if person.confirmed else "tentative"
+        x_m, y_m = person.head_m
+        return TrackState(
+            person.track_id, state, x_m, y_m, k.vx_mps, k.vy_mps, person.height_m, box_px, person.facing_deg
+        )
