@@ -248,6 +248,20 @@ def refuse_tracker(tracker: object, names: Sequence[str]) -> None:
         raise InputError(f"expected an object with {', '.join(parts)}, found {found}", argument="tracker")
 
 
+class Living(Protocol):
+    """Anybody whose life a ``LifeCycle`` records: a number, negative until they are confirmed, and whether they are."""
+
+    track_id: int
+    confirmed: bool
+
+
+def state_of(confirmed: bool, observed: bool) -> State:
+    """As reported in ``tracks.csv``."""
+    if not confirmed:
+        return "tentative"
+    return "confirmed" if observed else "lost"
+
+
 @dataclass(slots=True, eq=False)
 class Existence:
     """The existence of one tracked person.
@@ -274,13 +288,13 @@ class Existence:
     @property
     def state(self) -> State:
         """As reported in ``tracks.csv``."""
-        if not self.confirmed:
-            return "tentative"
-        return "lost" if self.lost else "confirmed"
+        return state_of(self.confirmed, self.observed)
 
 
-class TrackLog(Carried):
-    """Ids, and the decisions of the current frame.
+class LifeCycle(Carried):
+    """Gives ids, and writes down every change of state with its reason.
+
+    People appear, are confirmed or recognised, and end; whoever is an ``Existence`` is also observed or missed.
 
     Attributes:
         now_s: time of the current frame [s].
@@ -305,56 +319,54 @@ class TrackLog(Carried):
         self.now_s, self._log = now_s, []
         return dt
 
-    def tentative_id(self) -> int:
-        """-1, -2, ... for a track that may be a person."""
-        self._tentative -= 1
-        return self._tentative
-
-    def person_id(self) -> int:
-        """1, 2, ... for a track that is confirmed now."""
-        self._confirmed += 1
-        return self._confirmed
-
     @property
     def decisions(self) -> tuple[Decision, ...]:
         """Decisions of the current frame."""
         return tuple(self._log)
 
     def note(
-        self, track_id: int, kind: DecisionKind, reason: str, value: float = math.nan, terms: ScoreTerms = NO_TERMS,
+        self, who: Living, kind: DecisionKind, reason: str, value: float = math.nan, terms: ScoreTerms = NO_TERMS,
         was: int = 0,
     ) -> None:  # fmt: skip
-        """Write down a decision; ``was`` is the negative number of the track that has this id from now on."""
-        self._log.append(Decision(track_id, kind, f"was {was}; {reason}" if was else reason, value, terms, was))
+        """Write down a decision; ``was`` is the negative number that the track had until now."""
+        self._log.append(Decision(who.track_id, kind, f"was {was}; {reason}" if was else reason, value, terms, was))
 
-
-class LifeCycle(TrackLog):
-    """Spawns, confirms, loses, reacquires and prunes; every change of state is logged with its reason."""
+    def appear(self, who: Living, reason: str, value: float = math.nan, kind: DecisionKind = "spawned") -> None:
+        """Somebody may be there: -1, -2, ... until confirmed or recognised."""
+        self._tentative -= 1
+        who.track_id = self._tentative
+        self.note(who, kind, reason, value)
 
     def spawn(self, reason: str, value: float = math.nan) -> Existence:
         """A new tentative track, observed now."""
-        who = Existence(self.tentative_id(), self.now_s, self.now_s)
-        self.note(who.track_id, "spawned", reason, value)
+        who = Existence(0, self.now_s, self.now_s)
+        self.appear(who, reason, value)
         return who
 
-    def confirm(self, who: Existence, reason: str, value: float = math.nan) -> None:
-        """A tentative track is a person."""
+    def confirm(self, who: Living, reason: str, value: float = math.nan) -> None:
+        """A tentative track is a person: 1, 2, ..."""
         if not who.confirmed:
-            was, who.track_id, who.confirmed = who.track_id, self.person_id(), True
-            self.note(who.track_id, "confirmed", reason, value, was=was)
+            self._confirmed += 1
+            was, who.track_id, who.confirmed = who.track_id, self._confirmed, True
+            self.note(who, "confirmed", reason, value, was=was)
+
+    def recognise(self, who: Living, was: int, reason: str, value: float = math.nan) -> None:
+        """A tentative track, which ``was`` a negative number, now has the id of a person known before."""
+        who.confirmed = True
+        self.note(who, "reacquired", reason, value, was=was)
 
     def observe(self, who: Existence, reason: str = "", value: float = math.nan, terms: ScoreTerms = NO_TERMS) -> None:
         """The track is observed in this frame; a lost one is reacquired, for the reason given."""
         if who.lost:
-            self.note(who.track_id, "reacquired", reason, value, terms)
+            self.note(who, "reacquired", reason, value, terms)
         elif reason:
-            self.note(who.track_id, "matched", reason, value, terms)
+            self.note(who, "matched", reason, value, terms)
         who.observed, who.observed_s = True, self.now_s
 
     def miss(self, who: Existence, reason: str, value: float = math.nan, terms: ScoreTerms = NO_TERMS) -> None:
         """The track is not observed in this frame; a confirmed one is lost from now on."""
         if who.confirmed and who.observed:
-            self.note(who.track_id, "lost", reason, value, terms)
+            self.note(who, "lost", reason, value, terms)
         who.observed = False
 
     def pause(self, who: Existence, dt_s: float) -> None:
@@ -362,9 +374,9 @@ class LifeCycle(TrackLog):
         self.miss(who, "the frame shows nothing")
         who.observed_s += dt_s
 
-    def prune(self, who: Existence, reason: str, value: float = math.nan) -> None:
+    def prune(self, who: Living, reason: str, value: float = math.nan) -> None:
         """The track ends; the tracker forgets it."""
-        self.note(who.track_id, "pruned", reason, value)
+        self.note(who, "pruned", reason, value)
 
     def unobserved_s(self, who: Existence) -> float:
         """Time since the last observation [s]."""

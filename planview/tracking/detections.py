@@ -84,7 +84,7 @@ P = TypeVar("P")
 class _OfDetections(Carried, Generic[P]):
     """What the trackers of another program's boxes have in common: the boxes, and nothing to say about pixels."""
 
-    CARRIED = "_cycle", "_people"
+    CARRIED = "_life", "_people"
     needs: Needs = "image"
     foreground_columns: int | None = 80
 
@@ -94,13 +94,13 @@ class _OfDetections(Carried, Generic[P]):
 
     def reset(self) -> None:
         """Forget everybody."""
-        self._cycle = LifeCycle()
+        self._life = LifeCycle()
         self._people: list[P] = []
 
     @property
     def decisions(self) -> tuple[Decision, ...]:
         """Decisions of the last update."""
-        return self._cycle.decisions
+        return self._life.decisions
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -136,8 +136,8 @@ class DetectionTracker(_OfDetections[Detected]):
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
         """Track the boxes of one frame."""
-        first = math.isnan(self._cycle.now_s)
-        dt_s = self._cycle.begin(observation.timestamp_s)
+        first = math.isnan(self._life.now_s)
+        dt_s = self._life.begin(observation.timestamp_s)
         fresh = 1.0 if first else min(1.0, dt_s / ERRORS_S)
         boxes = self.detections.at(observation.frame)
         poses, covariances = self._placed(boxes)
@@ -170,7 +170,7 @@ class DetectionTracker(_OfDetections[Detected]):
                 self._meet(boxes[k], poses[k], covariances[k], float(evidence[k]))
                 taken.add(k)
         for q in [q for q in self._people if q.existence < FORGOTTEN]:
-            self._cycle.prune(q.who, f"existence {q.existence:.2f}", q.existence)
+            self._life.prune(q.who, f"existence {q.existence:.2f}", q.existence)
             self._people.remove(q)
         return tuple(self._state(q) for q in self._people)
 
@@ -231,9 +231,9 @@ class DetectionTracker(_OfDetections[Detected]):
         q.height_m, q.height_var = q.height_m + share * (float(pose[2]) - q.height_m), (1 - share) * q.height_var
         q.box, q.foot = box[:4].copy(), self._foot(q.kalman)
         q.log_odds = min(q.log_odds + fresh * gain, body.LOG_ODDS_MAX)
-        self._cycle.observe(q.who, f"log-likelihood {gain:.1f} over a false box, existence {q.existence:.3f}", gain)
+        self._life.observe(q.who, f"log-likelihood {gain:.1f} over a false box, existence {q.existence:.3f}", gain)
         if q.existence > p.report:
-            self._cycle.confirm(q.who, f"existence {q.existence:.3f}", q.existence)
+            self._life.confirm(q.who, f"existence {q.existence:.3f}", q.existence)
 
     def _missed(self, q: Detected, dt_s: float, fresh: float) -> None:
         """No box: survival, and evidence against as far as the person should be seen."""
@@ -248,12 +248,12 @@ class DetectionTracker(_OfDetections[Detected]):
         stays = q.existence * math.exp(-dt_s / away_s)
         q.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
         q.log_odds += fresh * math.log(1 - p.found * (1 - hidden) * inside)
-        self._cycle.miss(q.who, f"no box, hidden {hidden:.2f}, existence {q.existence:.3f}", q.existence)
+        self._life.miss(q.who, f"no box, hidden {hidden:.2f}, existence {q.existence:.3f}", q.existence)
 
     def _meet(self, box: F64, pose: F64, covariance: F64, evidence: float) -> None:
         kalman = FloorKalman.measured(pose[:2], covariance[:2, :2], body.SPEED_MAX_MPS / 2)
         odds = math.log(NEWCOMER_SHARE / (1 - NEWCOMER_SHARE)) + evidence
-        who = self._cycle.spawn(f"a box that shows nobody known, {pose[2]:.2f} m tall", odds)
+        who = self._life.spawn(f"a box that shows nobody known, {pose[2]:.2f} m tall", odds)
         height_m, height_var = float(pose[2]), float(covariance[2, 2])
         self._people.append(Detected(who, odds, kalman, height_m, height_var, box[:4].copy(), self._foot(kalman)))
 
@@ -353,8 +353,8 @@ class BoxTracker(_OfDetections[BoxTrack]):
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
         """Track the boxes of one frame."""
-        first = math.isnan(self._cycle.now_s)
-        dt_s, boxes = self._cycle.begin(observation.timestamp_s), self.detections.at(observation.frame)
+        first = math.isnan(self._life.now_s)
+        dt_s, boxes = self._life.begin(observation.timestamp_s), self.detections.at(observation.frame)
         score = boxes[:, 4] if self.detections.scored else np.ones(len(boxes))
         sure = np.flatnonzero(score >= SURE_SCORE)
         unsure = np.flatnonzero((score >= LEAST_SCORE) & (score < SURE_SCORE))
@@ -369,22 +369,22 @@ class BoxTracker(_OfDetections[BoxTrack]):
         found |= self._match(left, boxes, unsure, UNSURE_IOU)
         for i, track in enumerate(self._people):
             if i in found:
-                self._cycle.observe(track.existence, f"score {score[found[i]]:.2f}", float(score[found[i]]))
-                self._cycle.confirm(track.existence, "a second box")
+                self._life.observe(track.existence, f"score {score[found[i]]:.2f}", float(score[found[i]]))
+                self._life.confirm(track.existence, "a second box")
                 track.correct(centred(boxes[found[i]]), self._edge)
             else:
-                self._cycle.miss(track.existence, "no box")
+                self._life.miss(track.existence, "no box")
         for k in np.setdiff1d(sure[score[sure] >= NEW_SCORE], list(found.values())):
-            who = self._cycle.spawn(f"a box of nobody known, score {score[k]:.2f}", float(score[k]))
+            who = self._life.spawn(f"a box of nobody known, score {score[k]:.2f}", float(score[k]))
             if first:
-                self._cycle.confirm(who, "in the first frame")
+                self._life.confirm(who, "in the first frame")
             motion = np.zeros(4), np.diag([self._edge**2, SPEED**2])
             self._people.append(BoxTrack(who, centred(boxes[k]), *motion))
         for track in list(self._people):
             who = track.existence
-            gone_s = self._cycle.unobserved_s(who)
+            gone_s = self._life.unobserved_s(who)
             if not who.observed and (not who.confirmed or gone_s > LOST_S):
-                self._cycle.prune(who, f"no box for {gone_s:.1f} s")
+                self._life.prune(who, f"no box for {gone_s:.1f} s")
                 self._people.remove(track)
         return tuple(track.state for track in self._people if track.existence.observed)
 

@@ -119,7 +119,7 @@ class EllipseParticleTracker(Carried):
     needs: Needs = "image"
     foreground_columns: int | None = COLUMNS
     CARRIED = (
-        "_cycle", "_filter", "_objects", "_states", "_learner", "_size_px", "_studied", "_image_size", "_shape",
+        "_life", "_filter", "_objects", "_states", "_learner", "_size_px", "_studied", "_image_size", "_shape",
         "_mask", "_measured",
     )  # fmt: skip
     RECORDS = Tracked, Existence, Size
@@ -139,7 +139,7 @@ class EllipseParticleTracker(Carried):
     def reset(self) -> None:
         """Forget people, sizes learned in tracking and the random state; ids start at 1 again."""
         p = self._params.filter
-        self._cycle = LifeCycle()
+        self._life = LifeCycle()
         self._filter = ParticleFilter(p.particles, p.speed_mps, np.random.default_rng(self._seed))
         self._objects: list[Tracked] = []
         self._states: F64 = np.zeros((0, 7))
@@ -152,7 +152,7 @@ class EllipseParticleTracker(Carried):
     @property
     def decisions(self) -> tuple[Decision, ...]:
         """Decisions of the last update."""
-        return self._cycle.decisions
+        return self._life.decisions
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -189,7 +189,7 @@ class EllipseParticleTracker(Carried):
         Returns:
             one state per object, tentative ones included; x, y, velocity and height are NaN without a camera.
         """
-        dt_s = self._cycle.begin(observation.timestamp_s)
+        dt_s = self._life.begin(observation.timestamp_s)
         view = observation.views[0]
         foreground = None if observation.unknown else self._foreground(view)
         if foreground is None:
@@ -219,7 +219,7 @@ class EllipseParticleTracker(Carried):
         if self._size_px is not None and self._objects:
             self._predict(dt_s, self._size_px[0].on(self._scale))
         for t in self._objects:
-            self._cycle.pause(t.who, dt_s)
+            self._life.pause(t.who, dt_s)
         return self._reported()
 
     def _predict(self, dt_s: float, size: Size) -> None:
@@ -274,13 +274,13 @@ class EllipseParticleTracker(Carried):
                 hit, miss = p.detection / p.repetition, (1 - p.detection) / (1 - p.repetition)
                 t.log_odds += own * math.log(hit) + (1 - own) * math.log(miss)
                 if t.own and t.log_odds >= math.log(p.probability / (1 - p.probability)):
-                    self._cycle.confirm(t.who, f"log odds {t.log_odds:.2f}", t.log_odds)
+                    self._life.confirm(t.who, f"log odds {t.log_odds:.2f}", t.log_odds)
             if t.own and t.waited_s == 0.0:
                 again = f"measurements cover {covered:.2f} of it where it was predicted"
-                self._cycle.observe(t.who, again if t.who.lost else "", covered)
+                self._life.observe(t.who, again if t.who.lost else "", covered)
             else:
                 few = f"measurements cover {covered:.2f} < {MIN_OVERLAP:.2f} of it"
-                self._cycle.miss(t.who, "older objects have what is measured of it" if t.measured else few, covered)
+                self._life.miss(t.who, "older objects have what is measured of it" if t.measured else few, covered)
 
     def _enter(self, measured: U8, size: Size) -> None:
         """Measurements that overlap no object are objects that come back, or new ones.
@@ -303,11 +303,11 @@ class EllipseParticleTracker(Carried):
                     self._states[n] = self._filter.particles[:, n].mean(axis=0)
                     reason = f"measured {away[n, m]:.2f} m from its prediction after {t.waited_s:.1f} s"
                     t.measured, t.own, t.waited_s = True, True, 0.0
-                    self._cycle.observe(t.who, reason, float(away[n, m]))
+                    self._life.observe(t.who, reason, float(away[n, m]))
         for m in np.flatnonzero(left).tolist():
             self._filter.add(self._measured[m], size)
             x, y = self._px(self._measured[m, :2])
-            who = self._cycle.spawn(f"a measurement at ({x:.0f}, {y:.0f}) px overlaps no object")
+            who = self._life.spawn(f"a measurement at ({x:.0f}, {y:.0f}) px overlaps no object")
             self._objects.append(Tracked(who, -math.log(p.false_alarms)))
             self._states = np.concatenate([self._states, self._filter.particles[:, -1].mean(axis=0)[None]])
 
@@ -323,9 +323,9 @@ class EllipseParticleTracker(Carried):
             if not t.who.confirmed:
                 gone = 1.0 / (1.0 + math.exp(min(t.log_odds, 500.0))) if t.waited_s > 0 else 0.0
             if inside[n] < MIN_OVERLAP:
-                self._cycle.prune(t.who, "it has left the view")
+                self._life.prune(t.who, "it has left the view")
             elif gone > p.probability:
-                self._cycle.prune(t.who, f"unmeasured for {t.waited_s:.1f} s, left with probability {gone:.2f}", gone)
+                self._life.prune(t.who, f"unmeasured for {t.waited_s:.1f} s, left with probability {gone:.2f}", gone)
             else:
                 keep.append(n)
         if len(keep) < len(self._objects):

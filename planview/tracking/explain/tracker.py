@@ -12,14 +12,14 @@ from calib.carried import Carried, Records
 from calib.types import F64, Bool
 from planview.maps.view import CODES
 from planview.tracking import body
-from planview.tracking.base import NO_BOX, Box, Decision, DecisionKind, TrackLog
+from planview.tracking.base import NO_BOX, Box, Decision, DecisionKind, LifeCycle, state_of
 from planview.tracking.explain.births import EVIDENCE_MAX
 from planview.tracking.explain.explanation import STEPS_M, Explanation, Owned, People, Samples
 from planview.tracking.explain.params import PeopleParams
 from planview.tracking.explain.person import Exchanges, Person, colour_counts, continued
 from planview.tracking.explain.samples import KNOWN, PARTS
 from planview.tracking.kalman import FloorKalman
-from planview.trajectories.state import State, TrackState
+from planview.trajectories.state import TrackState
 
 HEIGHT_CHANGE_MPS = 0.6
 """Speed of a head that goes up and down: sitting down, bending [m/s]."""
@@ -37,7 +37,7 @@ class ExplainingTracker(Carried, Generic[P, Q]):
     Existence by the Bernoulli filter of Vo, Vo and Pham 2010.
     """
 
-    CARRIED: ClassVar[tuple[str, ...]] = ("_people", "_departed", "_exchanges", "_log")
+    CARRIED: ClassVar[tuple[str, ...]] = ("_people", "_departed", "_exchanges", "_life")
     RECORDS: ClassVar[Records] = (Person, FloorKalman)
 
     def __init__(self, params: Q) -> None:
@@ -49,16 +49,16 @@ class ExplainingTracker(Carried, Generic[P, Q]):
         self._people: list[P] = []
         self._departed: list[P] = []
         self._exchanges = Exchanges(self.params)
-        self._log = TrackLog()
+        self._life = LifeCycle()
 
     @property
     def decisions(self) -> tuple[Decision, ...]:
         """Decisions of the last update."""
-        return self._log.decisions
+        return self._life.decisions
 
     def _begin(self, now_s: float) -> float:
         """Predict everybody; the time since the last frame [s]."""
-        dt = self._log.begin(now_s)
+        dt = self._life.begin(now_s)
         for person in self._people:
             if person.share < 2 * self.params.visible_min:
                 person.kalman = person.kalman.slowed(dt * person.known, body.SLOW_DOWN_S)
@@ -97,7 +97,7 @@ class ExplainingTracker(Carried, Generic[P, Q]):
             person.height_m, person.height_var = float(pose[2]), 1.0 / (1.0 / person.height_var + up * fresh)
         else:  # whatever is in view, nobody's height shows without the head
             person.height_m, person.height_var = person.tall_m, person.upright[1] ** 2
-        person.seen, person.seen_s, person.unseen_s = person.kalman, self._log.now_s, 0.0
+        person.seen, person.seen_s, person.unseen_s = person.kalman, self._life.now_s, 0.0
 
     def _weigh(self, person: P, dt: float, away_s: float) -> None:
         """Update the existence: an unseen person stays for ``away_s`` on average, as far as there is anything to see;
@@ -125,25 +125,24 @@ class ExplainingTracker(Carried, Generic[P, Q]):
                 person.learn_colours(seen)
         for one, other, odds in self._exchanges.update(self._people, owned, dt):
             one.take_identity(other)
-            self._note(one, "identity", f"exchanged with {other.track_id}: colours, log-odds {odds:.1f}", odds)
+            self._life.note(one, "identity", f"exchanged with {other.track_id}: colours, log-odds {odds:.1f}", odds)
 
     def _end(self, person: P, reason: str, may_return: bool) -> None:
         """Stop following a person, who may be recognised later."""
-        self._note(person, "pruned", reason, person.existence)
+        self._life.prune(person, reason, person.existence)
         self._people = [o for o in self._people if o is not person]
         if may_return:
             self._departed.append(person)
 
     def _add(self, newcomer: P, kind: DecisionKind, reason: str, value: float) -> None:
         """Follow a newcomer under a negative number, until it is recognised or confirmed."""
-        newcomer.track_id = self._log.tentative_id()
         self._people.append(newcomer)
-        self._note(newcomer, kind, reason, value)
+        self._life.appear(newcomer, reason, value, kind)
 
     def _known(self, new: Sequence[P], floor_m2: float) -> list[tuple[P, P, float]]:
         """Newcomers and the lost or departed people they continue, with the log-odds."""
         p = self.params
-        self._departed = [person for person in self._departed if self._log.now_s - person.seen_s <= p.remember_s]
+        self._departed = [person for person in self._departed if self._life.now_s - person.seen_s <= p.remember_s]
         lost = [person for person in self._people if person.confirmed and person.share < p.visible_min]
         everybody = self._people + self._departed
         known = continued(new, lost + self._departed, everybody, floor_m2, p.low_share) if new else {}
@@ -151,26 +150,23 @@ class ExplainingTracker(Carried, Generic[P, Q]):
 
     def _continue(self, newcomer: P, known: P, odds: float) -> None:
         """Give a newcomer the identity of a person known before."""
-        reason = f"log-odds {odds:.1f} after {newcomer.born_s - known.seen_s:.1f} s"
-        self._log.note(known.track_id, "reacquired", reason, odds, was=newcomer.track_id)
+        was = newcomer.track_id
+        newcomer.take_identity(known)
+        newcomer.counted = {}
+        self._life.recognise(newcomer, was, f"log-odds {odds:.1f} after {newcomer.born_s - known.seen_s:.1f} s", odds)
         self._departed = [o for o in self._departed if o is not known]
         self._people = [o for o in self._people if o is not known]
-        newcomer.take_identity(known)
-        newcomer.confirmed, newcomer.counted = True, {}
 
     def _confirm(self, newcomer: P, reason: str) -> None:
-        was, newcomer.track_id = newcomer.track_id, self._log.person_id()
-        newcomer.confirmed, newcomer.counted = True, {}
+        """Report a newcomer as a stranger."""
+        was = newcomer.track_id
+        self._life.confirm(newcomer, reason, newcomer.existence)
+        newcomer.counted = {}
         self._exchanges.rename(was, newcomer.track_id)
-        self._log.note(newcomer.track_id, "confirmed", reason, newcomer.existence, was=was)
-
-    def _note(self, person: P, kind: DecisionKind, reason: str, value: float) -> None:
-        self._log.note(person.track_id, kind, reason, value)
 
     def _state(self, person: P, box_px: Box = NO_BOX) -> TrackState:
-        seen: State = "confirmed" if person.share >= self.params.visible_min else "lost"
-        k, state = person.kalman, seen if person.confirmed else "tentative"
-        x_m, y_m = person.head_m
+        state = state_of(person.confirmed, person.share >= self.params.visible_min)
+        k, (x_m, y_m) = person.kalman, person.head_m
         return TrackState(
             person.track_id, state, x_m, y_m, k.vx_mps, k.vy_mps, person.height_m, box_px, person.facing_deg
         )

@@ -124,13 +124,13 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
             self._learn([owned], (frame.touching(people.poses).sum(axis=1) == 0).tolist(), dt)
         self._paint_known(owned, motion, dt)
         self._clean(dt)
-        born, poses = births(self._places, frame, side_by_side(self._people), owned, self._log.now_s, self.params)
+        born, poses = births(self._places, frame, side_by_side(self._people), owned, self._life.now_s, self.params)
         for person, pose in zip(self._people, poses, strict=True):
             if tuple(pose[:3]) != (*person.at_m, person.height_m):
                 # Go on where the model accounts for more.
                 person.kalman = person.kalman.moved_to(float(pose[0]), float(pose[1]))
                 person.height_m = float(pose[2])
-                self._note(person, "recentred", f"accounts for more at {pose[0]:.2f}, {pose[1]:.2f} m", math.nan)
+                self._life.note(person, "recentred", f"accounts for more at {pose[0]:.2f}, {pose[1]:.2f} m", math.nan)
         found = matches([self._hull(newcomer.at_m, newcomer.height_m) for newcomer in born], frame.kind == SURFACE)
         for newcomer, match in zip(born, found, strict=True):
             newcomer.match, newcomer.inside = match, self._visibility(newcomer.at_m)
@@ -187,15 +187,15 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
         for i, person in enumerate(self._people):
             person.match = found[i]
             before = person.posture, person.motion, person.stability
-            person.judge(self._log.now_s, moving[i] / max(1, area[i]), self.params)
+            person.judge(self._life.now_s, moving[i] / max(1, area[i]), self.params)
             if (person.posture, person.motion, person.stability) != before:
                 states = f"{person.posture}, {person.motion}, {person.stability}"
-                self._note(person, "state", states, person.match.score)
+                self._life.note(person, "state", states, person.match.score)
             seen = person.share >= self.params.visible_min
             kind: DecisionKind = "matched" if seen == person.observed else ("reacquired" if seen else "lost")
             person.observed = seen
             if seen or kind == "lost":
-                self._note(
+                self._life.note(
                     person, kind,
                     f"M {person.match.score:.2f}, evidence {person.evidence:.1f}, visible {person.share:.2f}, "
                     f"existence {person.existence:.3f}", person.match.score,

@@ -81,7 +81,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             gaps = [min((math.dist(a, b) for b in places if b is not a), default=math.inf) for a in places]
             self._learn(owned, [gap >= body.REACH_M for gap in gaps], dt)
         self._forget_gone()
-        born = self._births.find(frame, self._people, owned, self._log.now_s)
+        born = self._births.find(frame, self._people, owned, self._life.now_s)
         for newcomer in self._moved(frame, born, predicted) if born else ():
             reason = f"evidence {newcomer.evidence:.1f}, {newcomer.height_m:.2f} m tall"
             self._add(newcomer, "spawned", reason, newcomer.evidence)
@@ -117,7 +117,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             reason = f"evidence {person.evidence:.1f}, visible {person.share:.2f}, existence {person.existence:.3f}"
             if len(others):
                 reason += ", next to " + ", ".join(str(self._people[k].track_id) for k in others)
-            self._note(person, kind, reason, person.evidence)
+            self._life.note(person, kind, reason, person.evidence)
         for person, (x, y, h, *_) in stood_up:  # one upright body explains more than a low one and another
             person.kalman, person.height_m = person.kalman.moved_to(float(x), float(y)), float(h)
 
@@ -158,7 +158,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             newcomer.log_odds, newcomer.confirmed = person.log_odds, True
             newcomer.take_identity(person)
             self._people[i] = newcomer
-            self._note(newcomer, "matched", f"in a newcomer's place: log-odds {odds[i, k]:.1f}", odds[i, k])
+            self._life.note(newcomer, "matched", f"in a newcomer's place: log-odds {odds[i, k]:.1f}", odds[i, k])
             strangers.remove(newcomer)
             odds[i], odds[:, k] = -math.inf, -math.inf
         return strangers
@@ -174,7 +174,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
     def _forget_gone(self) -> None:
         for person in self._people:
             gone = person.inside < 0.15 and person.unseen_s > body.LEAVE_S
-            if person.existence < 0.05 or gone or self._log.now_s - person.seen_s > self.params.remember_s:
+            if person.existence < 0.05 or gone or self._life.now_s - person.seen_s > self.params.remember_s:
                 self._end(person, f"existence {person.existence:.2f}, evidence {person.evidence:.1f}", person.confirmed)
 
     def _recognise(self, coloured: bool) -> None:
@@ -189,7 +189,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         for newcomer, before, odds in self._known(sure, p.floor_m2):  # before those who may be nobody
             if odds > KNOWN_LOG_ODDS:
                 self._continue(newcomer, before, odds)
-            elif newcomer.shows_more_after(self._log.now_s if coloured else math.inf):
+            elif newcomer.shows_more_after(self._life.now_s if coloured else math.inf):
                 in_doubt.append(newcomer)
         for q in sure:
             if not q.confirmed and q not in in_doubt:

@@ -298,7 +298,7 @@ class TemplateTracker(Carried):
             return
         moved = math.dist(peak, person.at_m)
         self._put(person, peak, person.kalman.moved_to(*peak), free)
-        self._life.note(person.existence.track_id, "recentred", f"by {moved:.2f} m: {why}", moved)
+        self._life.note(person.existence, "recentred", f"by {moved:.2f} m: {why}", moved)
 
     def _put(self, person: MapPerson, at_m: Place, kalman: FloorKalman, free: FreeMaps) -> None:
         """Place a person, with new templates extracted there."""

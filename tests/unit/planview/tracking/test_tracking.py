@@ -71,6 +71,18 @@ def test_ids_are_given_in_order_of_confirmation_and_the_log_says_who_was_whom() 
     assert given == [(1, -3, "was -3; tracked"), (2, -1, "was -1; tracked")]
 
 
+def test_whoever_is_recognised_keeps_the_former_id_and_uses_up_none() -> None:
+    life = LifeCycle()
+    life.begin(0.0)
+    left, back, stranger = (life.spawn("a head") for _ in range(3))
+    life.confirm(left, "tracked")
+    back.track_id, was = left.track_id, back.track_id
+    life.recognise(back, was, "the same clothes")
+    life.confirm(stranger, "tracked")
+    assert (back.track_id, back.state, stranger.track_id) == (1, "confirmed", 2)
+    assert [d.reason for d in life.decisions if d.kind == "reacquired"] == ["was -2; the same clothes"]
+
+
 def test_life_cycle_tells_states_and_reasons() -> None:
     life = LifeCycle()
     life.begin(0.0)

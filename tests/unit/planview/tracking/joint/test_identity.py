@@ -23,7 +23,7 @@ def newcomer(track_id: int, x_m: float, now_s: float, log_odds: float) -> Person
 def recognising(departed: Sequence[Person], people: Sequence[Person], now_s: float) -> JointTracker:
     tracker = JointTracker()
     tracker._departed, tracker._people = list(departed), list(people)
-    tracker._log.begin(now_s)
+    tracker._life.begin(now_s)
     tracker._recognise(coloured=True)
     return tracker
 
