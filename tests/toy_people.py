@@ -10,7 +10,7 @@ from calib.pose import SE3
 from calib.types import F32, F64, U8
 from planview.maps.view import SURFACE, PixelRays, View
 from planview.tracking.base import Observation
-from planview.tracking.body import LEAN_M, TORSO, TURNS, BodyTable, body_table
+from planview.tracking.body import FACINGS, LEAN_M, TORSO, BodyTable, body_table
 from stereo.depth import RectifiedGeometry
 
 GEOMETRY = RectifiedGeometry(160, 120, 130.0, 130.0, 79.5, 59.5, 0.12)
@@ -62,8 +62,8 @@ def seen_body(rays: PixelRays, person: tuple[float, ...], table: BodyTable | Non
     w = ((-(along * sin + dz * cos) * scale - table.w_min_m) / table.cell_m).astype(int)
     inside = (u >= 0) & (u < table.cover.shape[2]) & (w >= 0) & (w < table.cover.shape[3])
     u, w = np.where(inside, u, 0), np.where(inside, w, 0)
-    way = np.rint((facing - np.arctan2(ey, ex)) * TURNS / (2 * np.pi)).astype(int) % TURNS
-    p = np.where(len(table.cover) > 1, way + TURNS * (lean > 0.5 * LEAN_M), 0)
+    way = np.rint((facing - np.arctan2(ey, ex)) * FACINGS / (2 * np.pi)).astype(int) % FACINGS
+    p = np.where(len(table.cover) > 1, way + FACINGS * (lean > 0.5 * LEAN_M), 0)
     cover = np.where(inside, table.cover[p, a, u, w], 0.0)
     return cover, along * cos - dz * sin - table.front[p, a, u, w] / scale
 

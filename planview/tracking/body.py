@@ -128,7 +128,7 @@ class BodyTable(NamedTuple):
     up, both perpendicular to the ray. Sizes scale with the body's height.
 
     Attributes:
-        cover: (P, A, U, W) float32, probability that the body covers the ray, of every posture: TURNS directions of
+        cover: (P, A, U, W) float32, probability that the body covers the ray, of every posture: FACINGS directions of
             facing relative to the level direction of the ray, counterclockwise, upright and then with a lean of
             ``LEAN_M``; one posture for what looks the same from everywhere.
         front: (P, A, U, W) float32 [m], how far the surface lies before the point of the ray nearest to the centre.
@@ -144,9 +144,10 @@ class BodyTable(NamedTuple):
 
 
 ANGLE_MIN_DEG, ANGLE_STEP_DEG, ANGLES = -30.0, 5.0, 25
-TURNS, TURNS_PER_RAD = 16, 16 / (2.0 * math.pi)
+FACINGS, FACINGS_PER_RAD = 16, 16 / (2.0 * math.pi)
 """Directions of facing in a table, 22.5 degrees apart."""
-CELL_M = 0.025
+TABLE_CELL_M = 0.025
+"""Side of a cell of a table, across and up [m]."""
 BLUR_M = 0.04
 """Deviation of a body's outline from the cylinders: clothes, arms and posture [m] (Harville 2002: 1 to 4 cm)."""
 SURFACE_STD_M = 0.10
@@ -159,11 +160,11 @@ def body_table() -> BodyTable:
     """Of a person: trunk and head, with arms and strides."""
     parts = Part(TRUNK, BLUR_M), Part(HEAD, BLUR_M), Part(LIMBS, BLUR_M, LIMBS_SHARE)
     # Seen from its right a body is the mirror image of itself seen from its left.
-    half = [table_of(parts, facing, lean) for lean in (0.0, LEAN_M) for facing in range(TURNS // 2 + 1)]
-    ways = [(lean * len(half) // 2, way) for lean in range(2) for way in range(TURNS)]
+    half = [table_of(parts, facing, lean) for lean in (0.0, LEAN_M) for facing in range(FACINGS // 2 + 1)]
+    ways = [(lean * len(half) // 2, way) for lean in range(2) for way in range(FACINGS)]
 
     def posture(tables: Sequence[F32], first: int, way: int) -> F32:
-        return tables[first + way] if way <= TURNS // 2 else tables[first + TURNS - way][:, ::-1]
+        return tables[first + way] if way <= FACINGS // 2 else tables[first + FACINGS - way][:, ::-1]
 
     cover, front = ([t.cover[0] for t in half], [t.front[0] for t in half])
     return half[0]._replace(
@@ -184,17 +185,19 @@ def table_of(
     """The table of one posture: of the parts on a ray, the likeliest one.
 
     Args:
-        facing: relative to the ray, of TURNS; None for the mean over all of them.
+        facing: relative to the ray, of FACINGS; None for the mean over all of them.
     """
-    u, w = ((np.arange(cells) + 0.5 - cells / 2) * CELL_M for cells in (u_cells, W_CELLS))
+    u, w = ((np.arange(cells) + 0.5 - cells / 2) * TABLE_CELL_M for cells in (u_cells, W_CELLS))
     across, up = np.meshgrid(u, w, indexing="ij", sparse=True)
     angles = np.deg2rad(ANGLE_MIN_DEG + ANGLE_STEP_DEG * np.arange(ANGLES))
-    turn = None if facing is None else 2 * math.pi * facing / TURNS
+    turn = None if facing is None else 2 * math.pi * facing / FACINGS
     cover = np.empty((1, ANGLES, u_cells, W_CELLS), np.float32)
     front = np.empty_like(cover)
     for a, depression in enumerate(angles.tolist()):
         cover[0, a], front[0, a] = _seen(parts, depression, across, up, (turn, lean_m))
-    return BodyTable(cover, front, float(angles[0]), float(np.deg2rad(ANGLE_STEP_DEG)), CELL_M, -W_CELLS * CELL_M / 2)
+    return BodyTable(
+        cover, front, float(angles[0]), float(np.deg2rad(ANGLE_STEP_DEG)), TABLE_CELL_M, -W_CELLS * TABLE_CELL_M / 2
+    )
 
 
 def _seen(
@@ -207,7 +210,7 @@ def _seen(
     )
     cover, front, likeliest = np.zeros((3, *entered[0].shape))
     for enter, part in zip(entered, parts, strict=True):
-        always, blur = part.covers == 1.0, part.blur_m / CELL_M
+        always, blur = part.covers == 1.0, part.blur_m / TABLE_CELL_M
         hit = np.isfinite(enter) & ((enter == nearest) | (not always))
         inside = cv2.GaussianBlur(hit.astype(np.float64), (0, 0), blur)
         ahead = cv2.GaussianBlur(np.where(hit, -enter, 0.0), (0, 0), blur) / np.maximum(inside, 1e-6)

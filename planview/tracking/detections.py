@@ -22,14 +22,14 @@ from planview.trajectories.state import TrackState
 
 FORGOTTEN = 0.05
 """Probability of existence below which a person is forgotten."""
-GATE = 13.8
+GATE_CHI2 = 13.8
 """Squared distance in deviations beyond which a box shows somebody else: one in a thousand (chi-square, 2 axes)."""
 SAME_PERSON_IOU = 0.5
 """Overlap (IoU) from which two boxes of a frame show one person, as of every evaluation of boxes."""
-EVIDENCE_MAX = 3.0
+BOX_EVIDENCE_MAX = 3.0
 """Largest log-odds that a score gives: detectors are surer than they are right."""
 RING = np.array([(math.cos(a), math.sin(a)) for a in np.linspace(0, 2 * np.pi, 8, endpoint=False)])
-FIT_STEPS = 6
+BOX_FIT_STEPS = 6
 NEWCOMER_SHARE = 0.3
 """Share of people among boxes that show nobody known."""
 ERRORS_S = 0.25
@@ -144,7 +144,7 @@ class DetectionTracker(_OfDetections[Detected]):
         placed = np.flatnonzero(np.isfinite(poses).all(axis=1))
         boxes, poses, covariances = boxes[placed], poses[placed], covariances[placed]
         scores = np.clip(boxes[:, 4], 1e-6, 1 - 1e-6)
-        evidence = np.clip(np.log(scores / (1 - scores)), -EVIDENCE_MAX, EVIDENCE_MAX) * self.detections.scored
+        evidence = np.clip(np.log(scores / (1 - scores)), -BOX_EVIDENCE_MAX, BOX_EVIDENCE_MAX) * self.detections.scored
         for q in self._people:
             if not q.who.observed:
                 q.kalman = q.kalman.slowed(dt_s, body.SLOW_DOWN_S)
@@ -187,7 +187,7 @@ class DetectionTracker(_OfDetections[Detected]):
         prior = np.diag([0.0, 0.0, 1 / body.HEIGHT_STD_M**2])
         information = np.full((len(boxes), 3, 3), np.nan)
         good = np.asarray(np.isfinite(poses).all(axis=1), dtype=np.bool_)
-        for _ in range(FIT_STEPS):
+        for _ in range(BOX_FIT_STEPS):
             expected = self._edges(poses)
             jacobian = np.stack([(self._edges(poses + 0.01 * axis) - expected) / 0.01 for axis in np.eye(3)], axis=-1)
             good = good & np.asarray(np.isfinite(jacobian).all(axis=(1, 2)) & np.isfinite(expected).all(axis=1))
@@ -218,7 +218,7 @@ class DetectionTracker(_OfDetections[Detected]):
         off = pose[:2] - q.kalman.mean[:2]
         far = float(off @ np.linalg.solve(spread, off))
         taller = (pose[2] - q.height_m) ** 2 / (q.height_var + covariance[2, 2])
-        if far > GATE:
+        if far > GATE_CHI2:
             return -math.inf
         density = math.exp(-0.5 * (far + taller)) / (2 * math.pi * math.sqrt(float(np.linalg.det(spread))))
         return math.log(max(self.params.found * density / self.params.false_per_m2, 1e-9))

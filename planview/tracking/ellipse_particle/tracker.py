@@ -22,7 +22,7 @@ from planview.tracking.ellipse_particle.particles import VX, VY, ParticleFilter,
 from planview.tracking.ellipse_particle.size import ASPECT, BREADTH_M, Size, SizeLearner, height_of, size_of_camera
 from planview.trajectories.state import TrackState
 
-COLUMNS = 320
+FOREGROUND_COLUMNS = 320
 """Columns of foreground that are enough [px]. Our choice; it bounds the time per frame."""
 PERSON_CELLS = 28.0
 """Cells of the grid, at least a pixel of foreground each, along a person in the middle row. Our choice: legs are a
@@ -32,7 +32,7 @@ LEARN_S = 60.0
 MIN_OVERLAP = 0.35
 """Share of an object's ellipse that measurements must cover to count as measured; a measurement of which objects
 cover less than this share is uncovered. Our choice."""
-REACH_M = 1.5
+FOUND_AGAIN_M = 1.5
 """Farthest a lost object is found again from its prediction [m]. Harville 2002 uses 2 m from the last sight."""
 FLOODED = 0.5
 """Share of foreground above which a frame measures and teaches nothing (a light was switched, the camera moved)."""
@@ -117,7 +117,7 @@ class EllipseParticleTracker(Carried):
     """
 
     needs: Needs = "image"
-    foreground_columns: int | None = COLUMNS
+    foreground_columns: int | None = FOREGROUND_COLUMNS
     CARRIED = (
         "_life", "_filter", "_objects", "_states", "_learner", "_size_px", "_studied", "_image_size", "_shape",
         "_mask", "_measured",
@@ -294,7 +294,7 @@ class EllipseParticleTracker(Carried):
             per_m = size.cells_per_m(self._measured[:, 1])
             away = np.hypot(*(self._measured[None, :, :2] - self._states[:, None, : Y + 1]).transpose(2, 0, 1)) / per_m
             spread = np.hypot(*self._filter.particles[..., : Y + 1].std(axis=0).T)[:, None] / per_m
-            near = away <= np.minimum(REACH_M, BREADTH_M + 3.0 * spread)
+            near = away <= np.minimum(FOUND_AGAIN_M, BREADTH_M + 3.0 * spread)
             for n, m in sorted(np.argwhere(near).tolist(), key=lambda pair: float(away[tuple(pair)])):
                 t = self._objects[n]
                 if left[m] and not (t.measured and t.own):

@@ -17,7 +17,7 @@ from calib.kernels import kernel
 from calib.types import F32, F64, I64
 from planview.maps.view import BACKGROUND_SEEN as SEEN
 from planview.maps.view import NO_DEPTH, SHADOW, SURFACE, UNKNOWN
-from planview.tracking.body import LEAN_M, TURNS, TURNS_PER_RAD
+from planview.tracking.body import FACINGS, FACINGS_PER_RAD, LEAN_M
 from planview.tracking.explain.samples import (
     ACROSS,
     AHEAD,
@@ -80,8 +80,8 @@ def _surface(i, pose, samples, table, m):  # type: ignore[no-untyped-def]
     rays, p, (_, _, h, facing, lean) = samples.rays, samples.pixels[i], pose
     posture = 0
     if len(table.cover) > 1:
-        posture = int(facing * TURNS_PER_RAD + (4 * TURNS) - p.turn) & (TURNS - 1)
-        posture += TURNS if lean > p.slant * LEAN_M else 0
+        posture = int(facing * FACINGS_PER_RAD + (4 * FACINGS) - p.turn) & (FACINGS - 1)
+        posture += FACINGS if lean > p.slant * LEAN_M else 0
     cell = posture, int(p.angle), int(rays[ACROSS, i]), int(rays[UP, i])
     at = rays[AHEAD, i] - table.front[cell] * h / m.body_m
     return table.cover[cell], at, (rays[CZ, i] - rays[SIN, i] * at) / h

@@ -21,7 +21,8 @@ from planview.tracking.kalman import FloorKalman
 
 EVIDENCE_MAX = 6.0
 """Largest evidence of one observation for or against a person, as a log-odds."""
-CELL_M = 0.05
+BIRTH_CELL_M = 0.05
+"""Side of a cell of the floor over which unexplained pixels are summed [m]."""
 BODY_CELLS = 9
 """Side of the box that is summed: a body's breadth [cells]."""
 PLACES_MAX = 6
@@ -63,12 +64,12 @@ class Births(Carried):
         if float(np.maximum(fresh_points[3], 0.0).sum()) < p.birth_evidence:
             return []
         low, high = (edge(fresh_points[:2], axis=1).astype(np.float64) for edge in (np.min, np.max))
-        low -= BODY_CELLS * CELL_M
-        shape = tuple(int(cells) + 2 * BODY_CELLS for cells in (high - low) / CELL_M)
+        low -= BODY_CELLS * BIRTH_CELL_M
+        shape = tuple(int(cells) + 2 * BODY_CELLS for cells in (high - low) / BIRTH_CELL_M)
         if shape[0] * shape[1] > MAP_CELLS_MAX:
             return []
         lack = np.zeros(shape, np.float32)
-        map_lacking(fresh_points, low, CELL_M, lack)
+        map_lacking(fresh_points, low, BIRTH_CELL_M, lack)
         box = np.asarray(cv2.boxFilter(lack, -1, (BODY_CELLS, BODY_CELLS), normalize=False))
         born: list[Person] = []
         people: People | None = None
@@ -77,11 +78,11 @@ class Births(Carried):
             row, col = divmod(int(np.argmax(box)), box.shape[1])
             if box[row, col] < p.birth_evidence:
                 break
-            place = low + (np.array([row, col]) + 0.5) * CELL_M
+            place = low + (np.array([row, col]) + 0.5) * BIRTH_CELL_M
             reach = BODY_CELLS * 2 // 3
             box[max(0, row - reach) : row + reach + 1, max(0, col - reach) : col + reach + 1] = 0
             people = people or side_by_side(known)
-            near = np.abs(fresh_points[:2] - place[:, None]).max(axis=0) < reach * CELL_M
+            near = np.abs(fresh_points[:2] - place[:, None]).max(axis=0) < reach * BIRTH_CELL_M
             lacks = near & (fresh_points[3] > 0)
             lacking = fresh_points[:, lacks].T.astype(np.float64)
             person = _tried(frame, p.birth_evidence, people, lacking, cameras[lacks], now_s)

@@ -12,7 +12,7 @@ from numba import njit
 from calib.kernels import kernel
 from calib.types import F32, F64, I64, U8, AnyArray, Bool
 from planview.maps.view import SURFACE, UNKNOWN, PixelRays
-from planview.tracking.body import TURNS_PER_RAD
+from planview.tracking.body import FACINGS_PER_RAD
 
 PARTS = 3
 LEGS_TO, TORSO_TO = 0.45, 0.85
@@ -62,9 +62,9 @@ PIXEL = np.dtype(
     align=True,
 )
 """A sample's pixel: as in a view, and the weight in patches; 1 / deviation of a body's surface there [1/m]; direction
-of the ray [of TURNS], less an even spread over one of them, so that samples of a direction between two tables take both
-in its proportion, and the share of a lean from which they lean; index of the depression in the body's table; whether
-somebody else reaches there."""
+of the ray [of FACINGS], less an even spread over one of them, so that samples of a direction between two tables take
+both in its proportion, and the share of a lean from which they lean; index of the depression in the body's table;
+whether somebody else reaches there."""
 
 
 class Model(NamedTuple):
@@ -216,7 +216,7 @@ def _take(n, r, c, weight, spread, seen, samples, table, model):  # type: ignore
     p.sharp = 1.0 / math.sqrt(max(m.surface_var + (std * far * far) ** 2, 1e-12))
     angle = int((of.level[r, c, 4] - table.angle_min_rad) / table.angle_step_rad + 0.5)
     p.angle = min(max(angle, 0), table.cover.shape[1] - 1)
-    p.turn, p.slant, p.weight, p.near = of.level[r, c, 5] * TURNS_PER_RAD - spread[0], spread[1], weight, 0
+    p.turn, p.slant, p.weight, p.near = of.level[r, c, 5] * FACINGS_PER_RAD - spread[0], spread[1], weight, 0
 
 
 @kernel

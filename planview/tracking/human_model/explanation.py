@@ -26,7 +26,7 @@ SPACING_M = 0.05
 """Distance of samples on a body [m]."""
 PATCH_PX = 3.0
 """Errors of pixels nearer than this in the image are one error, however far away people are [px]."""
-NEAR_M = 0.6
+MASK_REACH_M = 0.6
 """From the body's axis to hands and feet that the silhouette does not expect, and to shadows [m]."""
 HIDDEN_TO = 0.6
 """Relative height below which furniture may hide people."""
@@ -37,7 +37,7 @@ TOGETHER = 4.0
 seldom (section 4: merging)."""
 
 
-PARTS = (
+SILHOUETTE_PARTS = (
     (0.00, 0.27, 0.28, 1.0, 0.3),
     (0.00, 0.27, 0.13, 1.0, 0.5),
     (0.27, 0.48, 0.17, 0.8, 0.85),
@@ -49,7 +49,7 @@ PARTS = (
 )
 """Striding legs, shins, thighs, torso, arms, shoulders, head, crown: from and to [of the height], half breadth [m] of a
 body of 1.76 m, depth over breadth, and how often it covers (Zhang's cylinders, as wide as arms and a stride)."""
-BLUR_M = 0.035
+SILHOUETTE_BLUR_M = 0.035
 """Deviation of the outline [m]: clothes and posture."""
 SUREST = 0.999
 """No part covers for certain: in a mask the seams between parts are as unsure as the outline."""
@@ -99,7 +99,10 @@ class HumanModelParams(PeopleParams):
 def silhouette() -> BodyTable:
     """The table of all depression angles; its ``front`` is not known from a mask, and 0."""
     table = table_of(
-        [Part(((low, high, half_m, depth),), BLUR_M, min(covers, SUREST)) for low, high, half_m, depth, covers in PARTS]
+        [
+            Part(((low, high, half_m, depth),), SILHOUETTE_BLUR_M, min(covers, SUREST))
+            for low, high, half_m, depth, covers in SILHOUETTE_PARTS
+        ]
     )
     return table._replace(front=np.zeros_like(table.front))
 
@@ -111,7 +114,7 @@ def likelihood_of_masks(p: HumanModelParams) -> Likelihood:
         hidden_sitting=p.hidden_sitting, hidden_to=HIDDEN_TO, sitting_from=0.5 * (1.0 + p.sitting), no_depth=0.0,
         outliers=0.0, range_m=1.0, unknown=0.0, surface_var=0.0, colour=p.colour_weight, low_share=0.0,
         sits=p.low_share, sitting=p.sitting, masks=1.0, patch_m=p.patch_m, patch_px=PATCH_PX, spacing_m=SPACING_M,
-        body_m=body.TORSO.height_m, reach_m=NEAR_M, apart_m=body.APART_M,
+        body_m=body.TORSO.height_m, reach_m=MASK_REACH_M, apart_m=body.APART_M,
         height_min_m=body.HEIGHT_MIN_M, height_max_m=body.HEIGHT_MAX_M, lean_std_m=body.LEAN_STD_M,
     )  # fmt: skip
     return Likelihood.of(model, silhouette())
@@ -168,7 +171,7 @@ class MaskExplanation(Explanation):
         # The same pixels with the same weights for one and for two.
         samples = self.around(0.5 * (poses[i] + poses[j]), 0.4 + 0.5 * math.dist(poses[i, :2], poses[j, :2]))
         samples.layer(people, rest)
-        here, information = samples.evidence(poses[j], tall[j], ratios[j]), about(NEAR_M, body.HEIGHT_STD_M)
+        here, information = samples.evidence(poses[j], tall[j], ratios[j]), about(MASK_REACH_M, body.HEIGHT_STD_M)
         fits: list[tuple[float, F64]] = []
         for start in (poses[j], np.array([*poses[i, :2], *poses[j, 2:]])):
             moved = start.copy()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.types import F64
-from planview.tracking.body import CHEST_DEPTH, LEAN_M, TORSO, TURNS, body_table, cylinders, thing_tables
+from planview.tracking.body import CHEST_DEPTH, FACINGS, LEAN_M, TORSO, body_table, cylinders, thing_tables
 
 TABLE = body_table()
 LEVEL, DOWN = (round((math.radians(deg) - TABLE.angle_min_rad) / TABLE.angle_step_rad) for deg in (0.0, 90.0))
@@ -42,19 +42,19 @@ def test_a_chest_that_leans_is_half_as_far_ahead_as_the_head():
 
 
 def test_from_above_a_body_is_twice_as_broad_as_deep_whichever_way_it_faces():
-    across, along = (TABLE.cover[way, DOWN] > 0.5 for way in (0, TURNS // 4))
+    across, along = (TABLE.cover[way, DOWN] > 0.5 for way in (0, FACINGS // 4))
     assert across.any(axis=1).sum() > 1.5 * across.any(axis=0).sum()
     np.testing.assert_array_equal(across.any(axis=1).sum(), along.any(axis=0).sum())
 
 
 def test_a_body_that_faces_left_is_the_mirror_image_of_one_that_faces_right():
-    for way in range(TURNS):
-        np.testing.assert_array_equal(TABLE.cover[way], TABLE.cover[-way % TURNS][:, ::-1])
+    for way in range(FACINGS):
+        np.testing.assert_array_equal(TABLE.cover[way], TABLE.cover[-way % FACINGS][:, ::-1])
 
 
 def test_a_lean_moves_what_is_seen_towards_where_the_person_faces():
-    ahead = middle(TABLE.cover[TURNS, DOWN]) - middle(TABLE.cover[0, DOWN])
-    left = middle(TABLE.cover[TURNS + TURNS // 4, DOWN]) - middle(TABLE.cover[TURNS // 4, DOWN])
+    ahead = middle(TABLE.cover[FACINGS, DOWN]) - middle(TABLE.cover[0, DOWN])
+    left = middle(TABLE.cover[FACINGS + FACINGS // 4, DOWN]) - middle(TABLE.cover[FACINGS // 4, DOWN])
     assert ahead[1] == pytest.approx(left[0], abs=0.01) and 0.15 * LEAN_M < ahead[1] < LEAN_M
     assert abs(ahead[0]) < 0.01 and abs(left[1]) < 0.01
 

@@ -28,7 +28,7 @@ def plain(samples: SampleArrays) -> None:
     """Take every pixel for one patch, and the nearest table for each."""
     n = int(samples.size[0])
     samples.pixels["weight"][:n], samples.pixels["slant"][:n] = 1.0, 0.5
-    samples.pixels["turn"][:n] = np.arctan2(samples.rays[EY, :n], samples.rays[EX, :n]) * body.TURNS_PER_RAD - 0.5
+    samples.pixels["turn"][:n] = np.arctan2(samples.rays[EY, :n], samples.rays[EX, :n]) * body.FACINGS_PER_RAD - 0.5
 
 
 def explained(seen: View) -> Explanation:
