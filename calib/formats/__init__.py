@@ -36,8 +36,9 @@ def find_rig(path: Path) -> Found:
         raise InputError(f"{path}: expected a stereo calibration, found a single camera (Tsai)")
     if found is None:
         names = f": {', '.join(json.loads(source.text))}" if path.suffix.lower() == ".npz" else ""
+        known = ", ".join(f.name for f in FORMATS)
         raise InputError(
-            f"{path}: expected a calibration ({', '.join(f.name for f in FORMATS)}), found none of these formats{names}"
+            f"{path}: expected a calibration ({known}), found none of these formats{names}{_nearest(source)}"
         )
     form, part = found
     if part == "whole":
@@ -51,14 +52,26 @@ def find_rig(path: Path) -> Found:
     other = "right" if part == "left" else "left"
     mates = [m for m in _readable(files.values()) if form.part(m) == other and _plain(m.path) == _plain(path)]
     if len(mates) != 1:
+        missing = ", ".join(form.missing(source)[1])
         raise InputError(
-            f"{path}: expected its other half next to it ({form.name}), found {len(mates) or 'no'} file that fits"
+            f"{path}: expected its other half {f'with {missing} ' if missing else ''}next to it ({form.name}), "
+            f"found {len(mates) or 'no'} file that fits"
         )
     return form, ((source, mates[0]) if part == "left" else (mates[0], source))
 
 
 def _recognise(source: Source) -> tuple[Format, str] | None:
-    return next(((form, part) for form in FORMATS if (part := form.part(source))), None)
+    """The format that a text has, by most keys of those that it may have."""
+    found = [(form, part) for form in FORMATS if (part := form.part(source))]
+    return max(found, key=lambda one: one[0].missing(source)[0], default=None)
+
+
+def _nearest(source: Source) -> str:
+    """What the format of which a text holds most keys also needs; empty where it holds none of any."""
+    form = max(FORMATS, key=lambda form: form.missing(source)[0])
+    held, missing = form.missing(source)
+    lacks = ", ".join(missing) or "left or right in the file's name"
+    return f"; for {form.name} it lacks {lacks}" if held else ""
 
 
 def _files(folder: Path) -> Iterator[Path]:
@@ -86,12 +99,15 @@ def _plain(path: Path) -> str:
 def _in_folder(folder: Path) -> Found:
     rigs: list[Found] = []
     halves: list[tuple[Format, str, Source]] = []
+    lacking: dict[Path, str] = {}
     for source in _readable(_files(folder)):
         match _recognise(source):
             case (form, "whole"):
                 rigs.append((form, (source,)))
             case (form, part):
                 halves.append((form, part, source))
+            case None:
+                lacking[source.path] = _nearest(source)
     # Halves of one format pair by name, or as the only two that there are.
     for form in dict.fromkeys(form for form, _, _ in halves):
         lefts, rights = ([s for f, part, s in halves if (f, part) == (form, one)] for one in ("left", "right"))
@@ -102,7 +118,7 @@ def _in_folder(folder: Path) -> Found:
         return rigs[0]
     if not rigs:
         seen = [
-            f"{file.name} is {'not of a known format' if file.stat().st_size else 'empty'}"
+            f"{file.name} is {'not of a known format' + lacking.get(file, '') if file.stat().st_size else 'empty'}"
             for file in _files(folder)
             if file.suffix.lower() not in (".csv", ".txt") and file.name != "world.toml"
         ]

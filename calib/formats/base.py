@@ -43,11 +43,26 @@ class Choice(NamedTuple):
         return default_m if self.unit_m is None else self.unit_m
 
 
+Keys = tuple[tuple[str, re.Pattern[str]], ...]
+"""What a format needs, as messages call it, and where it stands in a text."""
+
+
+def whole_with(*sets: Keys) -> Callable[[Source], str | None]:
+    """``Format.part`` of a format of one file, which holds every key of one of the sets."""
+    return lambda source: "whole" if any(all(key.search(source.text) for _, key in keys) for keys in sets) else None
+
+
+def lines_with(**patterns: str) -> Keys:
+    """Keys by patterns of the lines that hold them."""
+    return tuple((name, re.compile(pattern, re.MULTILINE)) for name, pattern in patterns.items())
+
+
 class Format(NamedTuple):
     """How one tool writes a rig.
 
     Attributes:
         key, name: short, and as messages show it.
+        sets: the keys that make a rig, or a half of one; of several sets any.
         part: what a text holds in this format: "whole" (a rig), "left" or "right" (a half), or None (not this format).
         read: a rig from a whole, or from its left and right half; raises ValueError for bad content.
         texts: the text of each file that a rig is written to; raises ValueError when the format cannot hold it. None:
@@ -57,16 +72,17 @@ class Format(NamedTuple):
 
     key: str
     name: str
+    sets: tuple[Keys, ...]
     part: Callable[[Source], str | None]
     read: Callable[[Sequence[Source], Choice], StereoRig]
     texts: Callable[[StereoRig, Path], Mapping[Path, str]] | None = None
     suffix: str = ""
 
-
-def whole_with(*patterns: str) -> Callable[[Source], str | None]:
-    """``Format.part`` of a format of one file, whose lines hold all of these patterns."""
-    compiled = [re.compile(pattern, re.MULTILINE) for pattern in patterns]
-    return lambda source: "whole" if all(one.search(source.text) for one in compiled) else None
+    def missing(self, source: Source) -> tuple[int, list[str]]:
+        """How many keys of a set a text holds, and those that it lacks: of the set that it holds most of."""
+        lacking = [[name for name, key in keys if not key.search(source.text)] for keys in self.sets]
+        held = [len(keys) - len(names) for keys, names in zip(self.sets, lacking, strict=True)]
+        return max(zip(held, lacking, strict=True), key=lambda one: (one[0], -len(one[1])))
 
 
 _ARRAYS = {".npy": "an array of NumPy", ".mat": "arrays of MATLAB", ".pkl": "Python objects"}
@@ -345,7 +361,8 @@ def yaml_text(values: Mapping[str, Any]) -> str:
 NATIVE = Format(
     "rig",
     "planview rig.toml",
-    whole_with(r"\A# planview stereo rig|^\s*\[right_SE3_left\]"),
+    (lines_with(left=r"^\s*\[left\]", right=r"^\s*\[right\]", right_SE3_left=r"^\s*\[right_SE3_left\]"),),
+    whole_with(lines_with(rig=r"\A# planview stereo rig|^\s*\[right_SE3_left\]")),
     lambda sources, choice: parse_rig(sources[0].text, sources[0].path.name),
     lambda rig, path: {path: rig_text(rig)},
     ".toml",

@@ -9,7 +9,6 @@ cameras only. Middlebury's calib.txt is that of a rectified pair, with the basel
 from __future__ import annotations
 
 import configparser
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -102,8 +101,8 @@ def _link(socket: int, values: Mapping[str, Any], unit_m: float) -> tuple[int, i
     return socket, to, base.transform(rotation, translation, f"rotationMatrix of socket {socket}")
 
 
-_IS_DEPTHAI = base.whole_with(r"\A\s*\{", '"cameraData"')
-DEPTHAI = Format("depthai", "DepthAI EEPROM JSON", _IS_DEPTHAI, _depthai_read)
+_BOARD = base.lines_with(cameraData=r'\A\s*\{[\s\S]*"cameraData"')
+DEPTHAI = Format("depthai", "DepthAI EEPROM JSON", (_BOARD,), base.whole_with(_BOARD), _depthai_read)
 
 
 RESOLUTIONS: dict[str, Size] = {
@@ -166,24 +165,22 @@ def _pose(stereo: Mapping[str, str], resolution: str, unit_m: float) -> SE3:
     return SE3.from_rotvec([value("RX"), value("CV", "RY"), value("RZ")], translation)
 
 
-ZED = Format("zed", "ZED factory conf", base.whole_with(r"^\s*\[(LEFT|RIGHT)_CAM_\w+\]"), _zed_read)
+_SECTIONS = base.lines_with(
+    LEFT_CAM=r"^\s*\[LEFT_CAM_\w+\]", RIGHT_CAM=r"^\s*\[RIGHT_CAM_\w+\]", STEREO=r"^\s*\[STEREO\]"
+)
+ZED = Format("zed", "ZED factory conf", (_SECTIONS,), base.whole_with(_SECTIONS), _zed_read)
 
 
-_KITTI_KEYS = re.compile(r"^K_\d\d:", re.MULTILINE)
-_KITTI_POSES = re.compile(r"^T_\d\d:", re.MULTILINE)
-_ODOMETRY = re.compile(r"^P[0-3]:", re.MULTILINE)
 _KITTI_PAIRS = (("02", "03"), ("00", "01"))
-
-
-def _kitti_part(source: Source) -> str | None:
-    drive = _KITTI_KEYS.search(source.text) and _KITTI_POSES.search(source.text)
-    return "whole" if drive or len(_ODOMETRY.findall(source.text)) >= 2 else None
+_DRIVES = [base.lines_with(**{f"{k}_{n}": rf"^{k}_{n}:" for n in pair for k in "KT"}) for pair in _KITTI_PAIRS]
+_ROW = r":([ \t]+[-+.\deE]+){12}\s*$"
+_SEQUENCES = [base.lines_with(**{f"P{n}": rf"^P{n}{_ROW}" for n in pair}) for pair in ("23", "01")]
 
 
 def _kitti_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     source = sources[0]
     data = dict(line.split(":", 1) for line in source.text.splitlines() if ":" in line)
-    if f"K_{_KITTI_PAIRS[1][0]}" not in data and _ODOMETRY.search(source.text):
+    if base.whole_with(*_SEQUENCES)(source) and not any(name.startswith("K_") for name in data):
         return _of_sequence(source, data, choice)
 
     def size(key: str) -> Size:
@@ -221,7 +218,8 @@ def _of_sequence(source: Source, data: Mapping[str, str], choice: Choice) -> Ste
     return base.joined(one, other, f"{source.path.name} [cameras {left} {right}, rectified images]")
 
 
-KITTI = Format("kitti", "KITTI calib_cam_to_cam", _kitti_part, _kitti_read)
+_KITTI_SETS = (*_DRIVES, *_SEQUENCES)
+KITTI = Format("kitti", "KITTI calib_cam_to_cam", _KITTI_SETS, base.whole_with(*_KITTI_SETS), _kitti_read)
 
 
 def _middlebury_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
@@ -239,5 +237,5 @@ def _middlebury_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     return StereoRig(left, right, SE3(np.eye(3), np.array([-baseline, 0.0, 0.0])), sources[0].path.name)
 
 
-_IS_MIDDLEBURY = base.whole_with(r"^\s*cam0\s*=\s*\[")
-MIDDLEBURY = Format("middlebury", "Middlebury calib.txt", _IS_MIDDLEBURY, _middlebury_read)
+_SCENE = base.lines_with(**{name: rf"^\s*{name}\s*=" for name in ("cam0", "cam1", "baseline", "width", "height")})
+MIDDLEBURY = Format("middlebury", "Middlebury calib.txt", (_SCENE,), base.whole_with(_SCENE), _middlebury_read)

@@ -1,8 +1,8 @@
-"""OpenCV FileStorage: intrinsics (M1 D1 M2 D2) and extrinsics (R T), in one file or two, YAML or XML."""
+"""OpenCV FileStorage: intrinsics (M1 D1 M2 D2) and extrinsics (R T), in one file or two, or the projections (P1 P2) of
+rectified images alone; YAML, XML or JSON."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -26,12 +26,17 @@ _D1, _D2 = (
 )  # fmt: skip
 _R, _T = ("R", "Rot", "rot", "rotation"), ("T", "t", "Trans", "trans", "translation")
 """Names that OpenCV's samples, calibrators and tutorials give them."""
-_MATRIX = re.compile(rf"<({'|'.join(_K1)})[ >]|^\s*({'|'.join(_K1)})\s*:", re.MULTILINE)
-_TRANSLATION = re.compile(rf"<({'|'.join(_T)})[ >]|^\s*({'|'.join(_T)})\s*:", re.MULTILINE)
-_JSON_MATRIX = re.compile(rf'"({"|".join(_K1)})"\s*:')
 _T_UNITS_M = {"T_m": 1.0, "T_cm": 0.01, "T_mm": 0.001}
-_JSON_TRANSLATION = re.compile(rf'"({"|".join((*_T, *_T_UNITS_M))})"\s*:')
 _P1, _P2 = ("P1", "P1_rect"), ("P2", "P2_rect")
+
+
+def _keys(*each: tuple[str, ...]) -> base.Keys:
+    """Keys of YAML, JSON and XML, each by any of its names; messages use the first. Bare numbers follow KITTI's."""
+    patterns = {names[0]: f"({'|'.join(names)})" for names in each}
+    return base.lines_with(**{k: rf'<{one}[ >]|^\s*{one}\s*:(?! *[-\d])|"{one}"\s*:' for k, one in patterns.items()})
+
+
+_CAMERAS, _RECTIFIED = _keys(_K1, _D1, _K2, _D2, _R, (*_T, *_T_UNITS_M)), _keys(_P1, _P2)
 
 COMMON_SIZES: tuple[Size, ...] = (
     (320, 240), (376, 240), (640, 360), (640, 400), (640, 480), (672, 376), (752, 480), (800, 600), (848, 480),
@@ -42,22 +47,24 @@ COMMON_SIZES: tuple[Size, ...] = (
 
 
 def _part(source: Source) -> str | None:
-    if source.text.lstrip().startswith("{"):
-        return "whole" if _JSON_MATRIX.search(source.text) and _JSON_TRANSLATION.search(source.text) else None
-    if "opencv-matrix" not in source.text:
-        return None
-    held = _MATRIX.search(source.text) is not None, _TRANSLATION.search(source.text) is not None
-    return {(True, True): "whole", (True, False): "left", (False, True): "right"}.get(held)
+    matrix, translation = (dict(_CAMERAS)[name].search(source.text) is not None for name in ("M1", "T"))
+    if source.text.lstrip().startswith("{") or "opencv-matrix" in source.text:
+        if matrix and translation:
+            return "whole"
+        if (matrix or translation) and "opencv-matrix" in source.text:
+            return "left" if matrix else "right"
+    return base.whole_with(_CAMERAS, _RECTIFIED)(source)
 
 
 def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     data: dict[str, Any] = {}
     for source in sources:
         data.update(parse_storage(source.text))
-    matrices = [base.numbers_at(data, 9, *names) for names in (_K1, _K2)]
-    size, remark = _size(data, choice, [(float(k[2]), float(k[5])) for k in matrices])
+    alone = not any(key in data for key in _K1)
+    matrices = [base.numbers_at(data, 12 if alone else 9, *names) for names in ((_P1, _P2) if alone else (_K1, _K2))]
+    size, remark = _size(data, choice, [tuple(k.reshape(3, -1)[:2, 2].tolist()) for k in matrices])
     name = "+".join(source.path.name for source in sources) + remark
-    if choice.rectified and any(key in data for key in _P1):
+    if alone or (choice.rectified and any(key in data for key in _P1)):
         # The cameras of images that P1 and P2 rectified: P = K [I | t].
         one, other = (base.projected(size, base.entry(data, *p), p[0], choice.unit()) for p in (_P1, _P2))
         return base.joined(one, other, f"{name} [rectified images]")
@@ -147,4 +154,6 @@ def _block(name: str, matrix: F64) -> str:
     return f"{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ {values} ]\n"
 
 
-FORMAT = Format("opencv", "OpenCV FileStorage or JSON with its keys", _part, _read, _texts, ".yml")
+FORMAT = Format(
+    "opencv", "OpenCV FileStorage or JSON with its keys", (_CAMERAS, _RECTIFIED), _part, _read, _texts, ".yml"
+)

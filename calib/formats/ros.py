@@ -21,8 +21,10 @@ from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F64
 
-_MATRIX = re.compile(r"^\s*(projection_matrix|P|p)\s*:", re.MULTILINE)
-_MODEL = re.compile(r"^\s*distortion_model\s*:", re.MULTILINE)
+_INFO = base.lines_with(
+    camera_matrix=r"^\s*(camera_matrix|K|k)\s*:", distortion_model=r"^\s*distortion_model\s*:",
+    rectification_matrix=r"^\s*(rectification_matrix|R|r)\s*:", projection_matrix=r"^\s*(projection_matrix|P|p)\s*:",
+)  # fmt: skip
 _NAME = re.compile(r"^\s*camera_name\s*:\s*(.*)$", re.MULTILINE)
 _ROS_MODELS: dict[str, LensModel] = {
     "plumb_bob": "brown", "rational_polynomial": "rational", "equidistant": "fisheye", "fisheye": "fisheye",
@@ -31,7 +33,7 @@ _ROS_MODELS: dict[str, LensModel] = {
 
 
 def _ros_part(source: Source) -> str | None:
-    if not (_MATRIX.search(source.text) and _MODEL.search(source.text)):
+    if not base.whole_with(_INFO)(source):
         return None
     name = _NAME.search(source.text)
     named = (name[1] if name else "", source.path.stem, source.path.parent.name)
@@ -116,7 +118,7 @@ def _ros_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
     return texts
 
 
-ROS = Format("ros", "ROS camera_info pair", _ros_part, _ros_read, _ros_texts, "")
+ROS = Format("ros", "ROS camera_info pair", (_INFO,), _ros_part, _ros_read, _ros_texts, "")
 
 
 _PINHOLE_LENSES: dict[str, LensModel] = {
@@ -188,15 +190,19 @@ def _kalibr_entry(one: Camera) -> dict[str, Any]:
     }  # fmt: skip
 
 
-_IS_KALIBR = base.whole_with(r"^\s*[\"']?cam\d+[\"']?\s*:", r"^\s*(camera_model|distortion_coeffs)\s*:")
-KALIBR = Format("kalibr", "Kalibr camchain", _IS_KALIBR, _kalibr_read, _kalibr_texts, ".yaml")
+_CHAIN = base.lines_with(
+    cam0=r"^\s*[\"']?cam\d+[\"']?\s*:", distortion_coeffs=r"^\s*(camera_model|distortion_coeffs)\s*:"
+)
+KALIBR = Format("kalibr", "Kalibr camchain", (_CHAIN,), base.whole_with(_CHAIN), _kalibr_read, _kalibr_texts, ".yaml")
 
 
-_IS_SENSOR = base.whole_with(r"^\s*T_BS\s*:", r"^\s*intrinsics\s*:")  # an IMU's has T_BS, too
+_SENSOR = base.lines_with(T_BS=r"^\s*T_BS\s*:", intrinsics=r"^\s*intrinsics\s*:")  # an IMU's has T_BS, too
 
 
 def _euroc_part(source: Source) -> str | None:
-    return _IS_SENSOR(source) and (base.side_of(source.path.parent.name) or base.side_of(source.path.stem))
+    return base.whole_with(_SENSOR)(source) and (
+        base.side_of(source.path.parent.name) or base.side_of(source.path.stem)
+    )
 
 
 def _euroc_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
@@ -208,4 +214,4 @@ def _euroc_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     return base.joined(halves[0], halves[1], "+".join(names))
 
 
-EUROC = Format("euroc", "EuRoC sensor.yaml pair", _euroc_part, _euroc_read)
+EUROC = Format("euroc", "EuRoC sensor.yaml pair", (_SENSOR,), _euroc_part, _euroc_read)

@@ -131,6 +131,40 @@ def test_half_of_a_pair_is_refused(name, found, tmp_path):
         load_rig(tmp_path / name, (640, 480))
 
 
+@pytest.mark.parametrize("suffix", ["yml", "xml", "json"])
+def test_projections_of_rectified_images_alone_are_a_calibration(suffix, tmp_path):
+    storage = cv2.FileStorage(str(tmp_path / f"rect.{suffix}"), cv2.FILE_STORAGE_WRITE)
+    p1 = np.array([[450.0, 0, 320, 0], [0, 450, 240, 0], [0, 0, 1, 0]])
+    for name, value in {"image_width": 640, "image_height": 480, "P1": p1, "P2": p1 + np.eye(3, 4, 3) * -54.0}.items():
+        storage.write(name, value)
+    storage.release()
+    rig = load_rig(tmp_path)
+    assert (rig.left.fx, rig.left.cx, rig.left.size) == (450.0, 320.0, (640, 480))
+    assert rig.baseline_m == pytest.approx(0.12) and "rectified images" in rig.source
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "lacks"),
+    [
+        ("a.json", json.dumps({name: [] for name in ("K1", "D1", "K2", "D2", "R")}), "OpenCV .* lacks T$"),
+        ("a.yml", matrix("P2", 3, 4, "1"), "OpenCV .* lacks P1$"),
+        ("a.yml", matrix("M1", 3, 3, "1") + matrix("D1", 1, 4, "1"), r"its other half with M2, D2, R, T next to it"),
+        ("a.conf", "[LEFT_CAM_HD]\nfx=1\n[STEREO]\n", "ZED factory conf it lacks RIGHT_CAM$"),
+        ("calib.txt", "cam0=[1]\ncam1=[1]\nwidth=1\nheight=1\n", "Middlebury calib.txt it lacks baseline$"),
+        ("calib.txt", "P2: " + "1.0e+00 " * 12 + "\n", "KITTI .* lacks P3$"),
+        (
+            "a.yaml",
+            "camera_matrix:\ndistortion_model:\nrectification_matrix:\nprojection_matrix:\n",
+            "left or right in",
+        ),
+    ],
+)
+def test_refusal_names_what_the_nearest_format_needs(name, text, lacks, tmp_path):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=lacks):
+        load_rig(tmp_path / name)
+
+
 def test_two_calibrations_in_a_folder_are_refused_unless_one_is_ours(tmp_path):
     write_rig(RIG, tmp_path / "a.yml")
     write_rig(RIG, tmp_path / "b.yaml")
