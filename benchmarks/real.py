@@ -21,7 +21,7 @@ from calib.errors import InputError
 from calib.ground_camera import load_ground_camera, save_ground_camera
 from calib.types import I64, AnyArray
 from planview.engine.config import Config, load_config
-from planview.engine.engine import Recording
+from planview.engine.engine import Trackable
 from planview.engine.open import base_config
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import Evaluation
@@ -313,7 +313,7 @@ def after(frame: Frame[Shot], kind: str, rng: Rng) -> Frame[Shot]:
 class Damaged:
     """A recording with damage of ``length`` frames from each of some frames on ("one-level": of all frames)."""
 
-    def __init__(self, recording: Recording, kind: str, length: int, starts: Sequence[int]) -> None:
+    def __init__(self, recording: Trackable, kind: str, length: int, starts: Sequence[int]) -> None:
         self._recording, self._kind, self._rng = recording, kind, np.random.default_rng(0)
         every = 2 if kind == "every-second-dark" else 1
         self._hit = {start + k for start in starts for k in range(0, every * length, every)}

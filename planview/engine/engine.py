@@ -83,7 +83,7 @@ class FrameResult:
         return point_cloud(self.depth.disparity, self.depth.image, geometry, pose, self.depth.step)
 
 
-class Recording(Protocol):
+class Trackable(Protocol):
     """What the engine needs of a recording (see ``stereo.recording.Recording``)."""
 
     @property
@@ -126,7 +126,7 @@ class Engine:
         ahead: frames that iteration measures ahead in a thread of their own; 0 for one thread.
     """
 
-    def __init__(self, recording: Recording, config: Config, heads: Sequence[Head], tracker: Tracker) -> None:
+    def __init__(self, recording: Trackable, config: Config, heads: Sequence[Head], tracker: Tracker) -> None:
         """Join the maps of the heads. Raises InputError: the floor that they cover together is larger than a grid may
         be."""
         self.recording, self.config, self.heads, self.tracker = recording, config, tuple(heads), tracker

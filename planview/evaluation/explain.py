@@ -32,7 +32,7 @@ CHANGES_MAX = 2
 Remade = Callable[[Trajectories], Trajectories]
 
 
-class Change(NamedTuple):
+class TruthChange(NamedTuple):
     """One change of the truth: a clause that says what it would mean, empty for none, and what it does."""
 
     clause: str
@@ -64,35 +64,37 @@ def _among(n: int) -> Remade:
     return kept
 
 
-AS_IT_IS = Change("", lambda t: t)
-AXES: tuple[Change, ...] = (
+AS_IT_IS = TruthChange("", lambda t: t)
+AXES: tuple[TruthChange, ...] = (
     AS_IT_IS,
-    Change("its x axis is mirrored", _axes(-1, 0, 0, 1)),
-    Change("its y axis is mirrored", _axes(1, 0, 0, -1)),
-    Change("it is turned by 180 degrees", _axes(-1, 0, 0, -1)),
-    Change("its axes x and y are exchanged", _axes(0, 1, 1, 0)),
-    Change("it is turned by 90 degrees", _axes(0, -1, 1, 0)),
-    Change("it is turned by -90 degrees", _axes(0, 1, -1, 0)),
-    Change("its axes are exchanged and mirrored", _axes(0, -1, -1, 0)),
+    TruthChange("its x axis is mirrored", _axes(-1, 0, 0, 1)),
+    TruthChange("its y axis is mirrored", _axes(1, 0, 0, -1)),
+    TruthChange("it is turned by 180 degrees", _axes(-1, 0, 0, -1)),
+    TruthChange("its axes x and y are exchanged", _axes(0, 1, 1, 0)),
+    TruthChange("it is turned by 90 degrees", _axes(0, -1, 1, 0)),
+    TruthChange("it is turned by -90 degrees", _axes(0, 1, -1, 0)),
+    TruthChange("its axes are exchanged and mirrored", _axes(0, -1, -1, 0)),
 )
-UNITS: tuple[Change, ...] = (
+UNITS: tuple[TruthChange, ...] = (
     AS_IT_IS,
-    Change("its unit is feet", _scaled(0.3048)),
-    Change("its unit is inches", _scaled(0.0254)),
-    Change("its unit is centimetres", _scaled(0.01)),
-    Change("its unit is millimetres", _scaled(0.001)),
-    Change("the unit of the tracks is centimetres", _scaled(100.0)),
+    TruthChange("its unit is feet", _scaled(0.3048)),
+    TruthChange("its unit is inches", _scaled(0.0254)),
+    TruthChange("its unit is centimetres", _scaled(0.01)),
+    TruthChange("its unit is millimetres", _scaled(0.001)),
+    TruthChange("the unit of the tracks is centimetres", _scaled(100.0)),
 )
-BOXES: tuple[Change, ...] = (
+BOXES: tuple[TruthChange, ...] = (
     AS_IT_IS,
-    Change("its boxes are given by their middle", _boxes(lambda middle, size: (middle - size / 2, size))),
-    Change("its boxes are given by two corners", _boxes(lambda first, second: (first, second - first))),
+    TruthChange("its boxes are given by their middle", _boxes(lambda middle, size: (middle - size / 2, size))),
+    TruthChange("its boxes are given by two corners", _boxes(lambda first, second: (first, second - first))),
 )
-NUMBERS: tuple[Change, ...] = (
+NUMBERS: tuple[TruthChange, ...] = (
     AS_IT_IS,
-    *(Change(f"only 1 of {n} frames of the tracks has a number in it", _every(n)) for n in (2, 3, 4, 5, 6)),
-    *(Change(f"it has {n} numbers for each frame of the tracks", _among(n)) for n in (2, 3)),
-    Change("its columns of frames and ids are exchanged", lambda t: replace(t, frame=t.track_id, track_id=t.frame)),
+    *(TruthChange(f"only 1 of {n} frames of the tracks has a number in it", _every(n)) for n in (2, 3, 4, 5, 6)),
+    *(TruthChange(f"it has {n} numbers for each frame of the tracks", _among(n)) for n in (2, 3)),
+    TruthChange(
+        "its columns of frames and ids are exchanged", lambda t: replace(t, frame=t.track_id, track_id=t.frame)
+    ),
 )
 
 

@@ -70,7 +70,7 @@ class PixelMixtures(NamedTuple):
     last_y: F32  # (H, W) luma when the pixel last learned
 
 
-class Frame(NamedTuple):
+class FrameArrays(NamedTuple):
     """The images of a frame."""
 
     image: U8  # (H, W, 1) grey or (H, W, 3) BGR
@@ -303,7 +303,7 @@ def settle(
 
 
 @kernel
-def count_shown(model: PixelMixtures, frame: Frame, s: Constants, step: int) -> tuple[int, int, int, int]:
+def count_shown(model: PixelMixtures, frame: FrameArrays, s: Constants, step: int) -> tuple[int, int, int, int]:
     """Of every ``step``-th row and column: pixels; those neither dark nor saturated; which of these show the
     background; and all whose depth can be compared with that of the background."""
     spare = np.empty(1, GAUSSIAN)
@@ -325,7 +325,7 @@ def count_shown(model: PixelMixtures, frame: Frame, s: Constants, step: int) -> 
 
 
 @kernel
-def update(model: PixelMixtures, frame: Frame, mask: U8, s: Constants, turns: F32) -> None:
+def update(model: PixelMixtures, frame: FrameArrays, mask: U8, s: Constants, turns: F32) -> None:
     """Match and classify each pixel, which writes the mask, and learn those whose turn it is.
 
     A model of zeros matches nothing and begins with the frame.

@@ -130,7 +130,7 @@ class Foreground(Carried):
         """
         image = self._checked_image(image)
         is_first = math.isnan(self._first_s)
-        frame = kernels.Frame(
+        frame = kernels.FrameArrays(
             image,
             self._checked(disparity if self.params.depth else None, np.nan, np.float32, "disparity"),
             self._checked(feedback, NO_FEEDBACK, np.uint8, "feedback"),
@@ -157,7 +157,7 @@ class Foreground(Carried):
             mask[self.shadow > 0] = 0
         return mask if disparity is None else self._without_fattening(mask)
 
-    def _judge(self, frame: kernels.Frame, timestamp_s: float, steady: bool) -> bool:
+    def _judge(self, frame: kernels.FrameArrays, timestamp_s: float, steady: bool) -> bool:
         """Whether a frame shows what the background can be compared with, as nearly as much as usual.
 
         No person covers the rest of the view, or takes the depth of it, from one frame to the next. What lasts is no

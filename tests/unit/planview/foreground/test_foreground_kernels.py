@@ -43,7 +43,7 @@ def test_kernels_agree_with_numpy(seed, colour, depth, feedback, k, shadows):
         known = rng.integers(0, 3, N).astype(np.uint8) if feedback and frame else np.zeros(N, np.uint8)
         rates = np.float32([0.1, 0.2, 0.3, 0.1] if frame % 3 else [0, 0, 0, 0])
         depths = np.full(N, np.nan, np.float32) if disparity is None else disparity
-        images = kernels.Frame(image.reshape(*SHAPE, -1), depths.reshape(SHAPE), known.reshape(SHAPE))
+        images = kernels.FrameArrays(image.reshape(*SHAPE, -1), depths.reshape(SHAPE), known.reshape(SHAPE))
         pixels = reference.observe(image, disparity, constants)
         counted = kernels.count_shown(model, images, constants, 1)
         kernels.update(model, images, mask, constants, rates[None] if frame else START)
