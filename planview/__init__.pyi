@@ -14,7 +14,7 @@ from planview.evaluation.evaluate import EvaluationParams as EvaluationParams
 from planview.evaluation.evaluate import evaluate_tracks as evaluate_tracks
 from planview.evaluation.result import Evaluation as Evaluation
 from planview.foreground.mixture import Foreground as Foreground
-from planview.maps.view import MapBuilder as MapBuilder
+from planview.maps.view import ViewBuilder as ViewBuilder
 from planview.output.script import count_tracks as count_tracks
 from planview.output.script import evaluate as evaluate
 from planview.output.script import load_rules as load_rules

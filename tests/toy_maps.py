@@ -11,7 +11,7 @@ from calib.rig import Floor
 from planview.engine.config import Config
 from planview.maps.grid import FloorRig
 from planview.maps.recording import MapsWriter, RecordedPoints, RecordedViews
-from planview.maps.view import MapBuilder
+from planview.maps.view import ViewBuilder
 from stereo.depth import Depth, RectifiedGeometry
 from stereo.matcher import DisparityRange
 from stereo.recording import Frame, Skipped
@@ -22,7 +22,7 @@ GEOMETRY = RectifiedGeometry(80, 60, 58.0, 58.0, 39.5, 29.5, 0.12)
 def write_toy_maps(path: Path, n_frames: int = 40) -> Path:
     """Colours, pixels without depth and one background; frame 7 was skipped."""
     config, pose = Config(), ToyWorld().world_SE3_left
-    cloud = MapBuilder(GEOMETRY, pose, config.maps, 1)
+    cloud = ViewBuilder(GEOMETRY, pose, config.maps, 1)
     floor = Floor(pose, 0.8, 0.01, extent_m=(-3.0, 0.0, 3.0, 6.0))
     view = FloorRig(GEOMETRY, floor, "found", "toy", 0.1, DisparityRange(0, 16), cloud.grid, 1)
     writer = MapsWriter(path, RecordedViews(view, config.model_dump_json()), 15.0)

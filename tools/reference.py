@@ -100,7 +100,7 @@ depth_m = np.full((480, 640), 3.0, np.float32)  # of your camera; NaN where unkn
 people = (depth_m < 2.5).astype(np.uint8)  # of your own detector; 1 where a person is
 
 geometry = planview.RectifiedGeometry(640, 480, 525.0, 525.0, 319.5, 239.5, baseline_m=0.1)
-build = planview.MapBuilder(geometry, planview.SE3.from_rotvec([np.radians(180 + 30), 0, 0], [0, 0, 2.7]))
+build = planview.ViewBuilder(geometry, planview.SE3.from_rotvec([np.radians(180 + 30), 0, 0], [0, 0, 2.7]))
 maps = build(geometry.disparity_metre / depth_m, people)
 ```
 

@@ -202,10 +202,10 @@ class Engine:
         return FrameResult(*at, people, self.tracker.decisions, observation, clock, self.stereo)
 
     def _observation(self, frame: Frame[Any], views: tuple[View, ...]) -> Observation:
-        maps = self.heads[0].maps
-        if self.stereo is None or maps is None:
+        builder = self.heads[0].views
+        if self.stereo is None or builder is None:
             return Observation(frame.index, frame.timestamp_s, views)
-        build = partial(plan_view, [view.points for view in views], self.stereo.grid, maps.params)
+        build = partial(plan_view, [view.points for view in views], self.stereo.grid, builder.params)
         return Observation(frame.index, frame.timestamp_s, views, self.camera, build)
 
     def study(self, every: int) -> None:

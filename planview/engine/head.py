@@ -32,7 +32,7 @@ from planview.foreground.params import BACKGROUND, PERSON, WALKER
 from planview.foreground.steadiness import Steadiness, Steady
 from planview.maps.grid import FloorRig
 from planview.maps.recording import RecordedPoints
-from planview.maps.view import MapBuilder, View
+from planview.maps.view import View, ViewBuilder
 from planview.tracking.base import Decision, ImageTracker
 from planview.trajectories.state import TrackState
 from stereo.depth import Depth, Matched
@@ -78,7 +78,7 @@ class Head(Protocol):
         camera: the (rectified left) camera above the floor; None for a camera that is not calibrated.
         size: (width, height) of its images [px].
         rig: of heads that measure depth, above the floor, with the grid of the maps; else None.
-        maps: of heads that measure depth, what makes their views and maps; else None.
+        views: of heads that measure depth, what makes their views and maps; else None.
         ahead: frames that may be measured ahead in a thread of their own; 0 for none.
         records: whether its views can be recorded as plan-view maps.
         checks: of the recording so far: before its first frame, and from the frames seen.
@@ -96,7 +96,7 @@ class Head(Protocol):
     def rig(self) -> FloorRig | None: ...
 
     @property
-    def maps(self) -> MapBuilder | None: ...
+    def views(self) -> ViewBuilder | None: ...
 
     @property
     def checks(self) -> Sequence[Check]: ...
@@ -128,7 +128,7 @@ class RigHead(Carried):
     """A pair or a depth sensor above its floor.
 
     Attributes:
-        foreground, maps, feedback: the stages after measuring.
+        foreground, views, feedback: the stages after measuring.
     """
 
     ahead, records = 2, True
@@ -141,9 +141,9 @@ class RigHead(Carried):
         self.name, self.rig, self._measure = name, setup, setup.measure
         geometry, step = setup.geometry, setup.reduction
         self.camera, self.size = setup.camera, geometry.size
-        self.maps = MapBuilder(geometry, setup.floor.world_SE3_left, config.maps, step)
+        self.views = ViewBuilder(geometry, setup.floor.world_SE3_left, config.maps, step)
         self.foreground = Foreground(
-            config.foreground, self.maps.shape, geometry.disparity_std_per_px2, step, geometry.disparity_metre
+            config.foreground, self.views.shape, geometry.disparity_std_per_px2, step, geometry.disparity_metre
         )
         self.feedback = Feedback(config.feedback)
         self.reset()
@@ -176,17 +176,17 @@ class RigHead(Carried):
         """Separate the foreground by colour and depth (Harville 2002, section 2), and put its pixels into the world
         (section 3)."""
         if measured is None:
-            return View.unknown(self.maps.shape, rays=self.maps.rays)
+            return View.unknown(self.views.shape, rays=self.views.rays)
         self._tracked_last = measured.matched
         foreground, now_s = self.foreground, frame.timestamp_s
         mask = foreground.update(measured.image, measured.disparity, now_s, self.feedback.mask)
         clock.record("foreground")
         if not foreground.shows:
-            return View.unknown(self.maps.shape, measured.image, self.maps.rays, measured)
-        due = foreground.settled and self.maps.background_due(now_s)
+            return View.unknown(self.views.shape, measured.image, self.views.rays, measured)
+        due = foreground.settled and self.views.background_due(now_s)
         background = foreground.background_disparity() if due else None
-        points = self.maps.points(measured.disparity, mask, measured.image, foreground.exposure)
-        view = self.maps.view(points, mask, now_s, background, measured)
+        points = self.views.points(measured.disparity, mask, measured.image, foreground.exposure)
+        view = self.views.view(points, mask, now_s, background, measured)
         clock.record("maps")
         return view
 
@@ -196,7 +196,7 @@ class RigHead(Carried):
 
     def memory(self) -> dict[str, Carried]:
         """What is carried from frame to frame."""
-        return {"match": self, "foreground": self.foreground, "feedback": self.feedback, "maps": self.maps}
+        return {"match": self, "foreground": self.foreground, "feedback": self.feedback, "views": self.views}
 
 
 class Feedback(Carried):
@@ -265,7 +265,7 @@ class CameraHead(Carried):
     section 2)."""
 
     CARRIED = "_past", "_steadiness", "_labels"
-    ahead, records, name, rig, maps = 0, False, "", None, None
+    ahead, records, name, rig, views = 0, False, "", None, None
 
     def __init__(
         self,
@@ -399,8 +399,8 @@ class RecordedHead:
 
     def __init__(self, rig: FloorRig, config: Config, source: str) -> None:
         """``source`` names the recording in messages. Raises ValueError: the floor is larger than a grid may be."""
-        self.maps = MapBuilder(rig.geometry, rig.floor.world_SE3_left, config.maps, rig.reduction)
-        self.rig = replace(rig, grid=self.maps.grid)
+        self.views = ViewBuilder(rig.geometry, rig.floor.world_SE3_left, config.maps, rig.reduction)
+        self.rig = replace(rig, grid=self.views.grid)
         self.camera, self.size, self._source = rig.camera, rig.geometry.size, source
 
     def measure(self, shot: RecordedPoints, clock: StageClock) -> RecordedPoints:
@@ -411,19 +411,19 @@ class RecordedHead:
 
     def look(self, measured: RecordedPoints | None, frame: Frame[RecordedPoints], clock: StageClock) -> View:
         """The view that was recorded. Raises InputError: damaged maps."""
-        maps = self.maps
-        if measured is None or len(measured.unmatched) == math.prod(maps.shape):
-            return View.unknown(maps.shape, rays=maps.rays)
-        disparity, mask = np.full(maps.shape, np.nan, np.float32), np.zeros(maps.shape, np.uint8)
+        views = self.views
+        if measured is None or len(measured.unmatched) == math.prod(views.shape):
+            return View.unknown(views.shape, rays=views.rays)
+        disparity, mask = np.full(views.shape, np.nan, np.float32), np.zeros(views.shape, np.uint8)
         disparity.reshape(-1)[measured.pixels] = measured.disparities
         mask.reshape(-1)[measured.pixels] = mask.reshape(-1)[measured.unmatched] = 255
-        points = maps.points(disparity, mask)
+        points = views.points(disparity, mask)
         if len(points.pixels) != len(measured.pixels):
             raise InputError(
                 f"{self._source}: frame {frame.index}: expected {len(measured.pixels)} points in reach of the rig, "
                 f"found {len(points.pixels)}: the maps are damaged or another rig's"
             )
-        view = maps.view(replace(points, colours=measured.colours), mask, frame.timestamp_s, measured.background)
+        view = views.view(replace(points, colours=measured.colours), mask, frame.timestamp_s, measured.background)
         clock.record("maps")
         return view
 
@@ -432,4 +432,4 @@ class RecordedHead:
 
     def memory(self) -> dict[str, Carried]:
         """How far away the background is."""
-        return {"maps": self.maps}
+        return {"views": self.views}

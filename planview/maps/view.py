@@ -25,7 +25,7 @@ from planview.maps.grid import MapParams, floor_in_view, reach_m
 from planview.maps.plan_view import FloorPoints, PlanViewMaps, plan_view
 from stereo.depth import Depth, RectifiedGeometry, middle_px
 
-BACKGROUND_SEEN, SURFACE, NO_DEPTH, UNKNOWN, SHADOW = range(5)
+BACKGROUND_SEEN, SURFACE, NO_DEPTH, UNKNOWN, SHADED = range(5)
 """Kinds of pixels: the background is seen, foreground with depth, foreground without, pixels that show nothing (no
 evidence for or against anybody), and of one camera what looks like background in a shadow."""
 LUMA_CELLS = 8
@@ -116,7 +116,7 @@ class View:
 
     Attributes:
         rays: of the camera; NO_RAYS where its place is not known.
-        kind: (H, W) uint8 of BACKGROUND_SEEN, SURFACE, NO_DEPTH, UNKNOWN and SHADOW.
+        kind: (H, W) uint8 of BACKGROUND_SEEN, SURFACE, NO_DEPTH, UNKNOWN and SHADED.
         range_m: (H, W) float32 along the ray: the surface's, or the background's where that is seen; 0 unknown.
         colour: (H, W) uint8 colour codes; None where all is grey: light alone does not distinguish clothes.
         points: foreground points in the world; their pixels index the images above.
@@ -173,12 +173,12 @@ class View:
         """Of one camera without depth; ``shadow``: (H, W) uint8, 255 where foreground was removed for its colour."""
         kind = np.where(foreground > 0, np.uint8(NO_DEPTH), np.uint8(BACKGROUND_SEEN))
         if shadow is not None:
-            kind[(shadow > 0) & (foreground == 0)] = SHADOW
+            kind[(shadow > 0) & (foreground == 0)] = SHADED
         ranges = np.zeros(foreground.shape, np.float32)
         return View(NO_RAYS, kind, ranges, None, image=image, motion=motion)
 
 
-class MapBuilder(Carried):
+class ViewBuilder(Carried):
     """Foreground and disparity of one rig to what its pixels show in the world, and to maps (Harville 2002, section 3).
 
     Attributes:

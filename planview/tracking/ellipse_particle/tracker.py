@@ -15,7 +15,7 @@ from calib.ground_camera import GroundCamera
 from calib.params import Params
 from calib.types import F32, F64, U8, Bool
 from planview.foreground.params import WALKER
-from planview.maps.view import SHADOW, View
+from planview.maps.view import SHADED, View
 from planview.tracking.base import Decision, Drawing, Existence, LifeCycle, Needs, Observation, TrackerDebug
 from planview.tracking.ellipse_particle.fit import BACKGROUND_WEIGHT, fit_ellipses, painted, uncovered
 from planview.tracking.ellipse_particle.particles import VX, VY, ParticleFilter, Y, ellipses_of
@@ -369,7 +369,7 @@ class EllipseParticleTracker(Carried):
         if self._studied is None and given.mean() < 255 * FLOODED:
             self._learner.add(given, view.motion)
         unsure = np.uint8(round(255 * BACKGROUND_WEIGHT / (1 + BACKGROUND_WEIGHT)))
-        return np.where(view.kind == SHADOW, unsure, given)
+        return np.where(view.kind == SHADED, unsure, given)
 
     def _learn(self) -> None:
         """The size by all frames so far."""

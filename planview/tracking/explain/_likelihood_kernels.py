@@ -16,7 +16,7 @@ from numba import njit
 from calib.kernels import kernel
 from calib.types import F32, F64, I64
 from planview.maps.view import BACKGROUND_SEEN as SEEN
-from planview.maps.view import NO_DEPTH, SHADOW, SURFACE, UNKNOWN
+from planview.maps.view import NO_DEPTH, SHADED, SURFACE, UNKNOWN
 from planview.tracking.body import FACINGS, FACINGS_PER_RAD, LEAN_M
 from planview.tracking.explain.samples import (
     ACROSS,
@@ -268,7 +268,7 @@ def visible(pose, me, samples, table, model, seen: F64) -> None:  # type: ignore
         if p.kind == UNKNOWN:
             continue
         seen[1] += pi * p.weight
-        if p.kind == SEEN or p.kind == SHADOW:
+        if p.kind == SEEN or p.kind == SHADED:
             continue
         ray, j = samples.layers[i], 0
         while j < samples.counts[i] and ray[AT, j] < at:

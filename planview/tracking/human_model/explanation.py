@@ -128,7 +128,7 @@ class MaskExplanation(Explanation):
         view: of its mask.
 
     Attributes:
-        kind: (H, W) uint8 of BACKGROUND_SEEN, SHADOW, SURFACE and UNKNOWN.
+        kind: (H, W) uint8 of BACKGROUND_SEEN, SHADED, SURFACE and UNKNOWN.
         pixels: (K,) int64, those of SURFACE.
     """
 

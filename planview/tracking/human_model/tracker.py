@@ -13,7 +13,7 @@ from calib.ground_camera import GroundCamera
 from calib.people.model import HumanModel
 from calib.types import F32, F64, U8, Bool
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
-from planview.maps.view import BACKGROUND_SEEN, SHADOW, SURFACE, PixelRays
+from planview.maps.view import BACKGROUND_SEEN, SHADED, SURFACE, PixelRays
 from planview.tracking import body
 from planview.tracking.base import NO_BOX, DecisionKind, Drawing, Needs, Observation, TrackerDebug
 from planview.tracking.explain.explanation import Owned, People
@@ -110,7 +110,7 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
         dt = self._begin(observation.timestamp_s)
         frame = MaskExplanation(self._rays, view, self._likelihood)
         seen = frame.kind == BACKGROUND_SEEN
-        frame.kind[seen & (self._hides > 0)] = SHADOW
+        frame.kind[seen & (self._hides > 0)] = SHADED
         if self._people:
             self._explain(frame, side_by_side(self._people), dt)
         if (motion := view.motion) is None:

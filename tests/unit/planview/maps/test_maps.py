@@ -23,7 +23,7 @@ from planview.foreground.gain import Exposure
 from planview.maps.grid import Grid, MapParams
 from planview.maps.plan_view import FloorPoints, PlanViewMaps, accumulate, joint_grid, plan_view
 from planview.maps.recording import BLOCK_FRAMES, MapsRecording, MapsWriter, RecordedPoints
-from planview.maps.view import CODES, MapBuilder, back_project, colour_codes, encode_colours, smoothing
+from planview.maps.view import CODES, ViewBuilder, back_project, colour_codes, encode_colours, smoothing
 from stereo.depth import RectifiedGeometry
 from stereo.depth import back_project as to_points
 from stereo.recording import Frame, Skipped
@@ -39,7 +39,7 @@ def maps_of(depth_m, rows=np.s_[20:28], columns=np.s_[28:36], step=1, **params):
     mask[rows, columns] = 255
     disparity[:, 50:] = np.nan
     exact = MapParams.model_validate({"smoothing_m": 0.0, "occupancy_min": 0.0} | params)
-    return MapBuilder(GEOMETRY, OVERHEAD, exact, step)(disparity[::step, ::step], mask[::step, ::step])
+    return ViewBuilder(GEOMETRY, OVERHEAD, exact, step)(disparity[::step, ::step], mask[::step, ::step])
 
 
 def test_a_template_is_the_maps_around_a_place_and_zero_outside_the_grid() -> None:
@@ -60,7 +60,7 @@ def test_table_below_an_overhead_camera_has_its_height_and_its_area_at_any_dista
 
 @pytest.mark.parametrize("step", [1, 2, 3])
 def test_points_for_a_cloud_are_the_points_that_are_tracked(step) -> None:
-    builder, tilted = MapBuilder(GEOMETRY, OVERHEAD, reduction=step), np.linspace(1.8, 4.0, 64 * 48, dtype=np.float32)
+    builder, tilted = ViewBuilder(GEOMETRY, OVERHEAD, reduction=step), np.linspace(1.8, 4.0, 64 * 48, dtype=np.float32)
     disparity = tilted.reshape(48, 64)[: builder.shape[0], : builder.shape[1]]
     seen = builder.points(disparity, np.full(builder.shape, 255, np.uint8))
     cloud = OVERHEAD @ to_points(GEOMETRY.depth(disparity), GEOMETRY, step).reshape(-1, 3).astype(np.float64)
@@ -78,7 +78,7 @@ def test_height_is_masked_where_occupancy_is_low() -> None:
 
 
 def test_images_of_another_size_and_halls_too_large_are_refused():
-    builder, mask = MapBuilder(GEOMETRY, OVERHEAD), np.zeros((48, 64), np.uint8)
+    builder, mask = ViewBuilder(GEOMETRY, OVERHEAD), np.zeros((48, 64), np.uint8)
     for disparity, image in (((47, 64), (48, 64)), ((48, 64), (47, 64, 3))):
         with pytest.raises(ValueError, match="expected disparity, mask and image"):
             builder(np.zeros(disparity, np.float32), mask, np.zeros(image, np.uint8))
@@ -200,11 +200,12 @@ def test_writing_stops_before_the_disk_is_full_and_keeps_earlier_frames(maps: Pa
     recording, path = MapsRecording(maps), tmp_path / "less.h5"
     room = iter([200 << 20] * 2 + [10 << 20] * 2)
     monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=next(room)))
-    writer, frame = MapsWriter(path, recording.view, recording.config, 15.0), next(iter(recording))
+    writer, first = MapsWriter(path, recording.head, 15.0), next(iter(recording))
+    frame = replace(first, shots=(replace(first.shots[0], background=None),))
     for i in range(2 * BLOCK_FRAMES - 1):
-        writer.add(replace(frame, index=i, timestamp_s=i / 15, background=None))
+        writer.add(replace(frame, index=i, timestamp_s=i / 15))
     with pytest.raises(WorkError, match=r"less\.h5: expected at least 64 MB of free disk, found 10"):
-        writer.add(replace(frame, index=2 * BLOCK_FRAMES, timestamp_s=10.0, background=None))
+        writer.add(replace(frame, index=2 * BLOCK_FRAMES, timestamp_s=10.0))
     writer.close()
     assert MapsRecording(path).n_frames == BLOCK_FRAMES
 

@@ -3,13 +3,13 @@
 import numpy as np
 
 from calib.rig import world_from_plane
-from planview.maps.view import MapBuilder
+from planview.maps.view import ViewBuilder
 from planview.tracking.base import Observation
 from stereo.depth import RectifiedGeometry
 
 CAMERA_M = 4.0
 GEOMETRY = RectifiedGeometry(160, 120, 100.0, 100.0, 79.5, 59.5, 0.2)
-BUILDER = MapBuilder(GEOMETRY, world_from_plane(np.array([0.0, 0.0, -1.0]), CAMERA_M))
+BUILDER = ViewBuilder(GEOMETRY, world_from_plane(np.array([0.0, 0.0, -1.0]), CAMERA_M))
 
 Person = tuple[float, float, float]
 """x, y, height [m]."""
