@@ -178,6 +178,11 @@ class Pair:
     sides: ClassVar = ("left: ", "right: ")
 
     @property
+    def identity(self) -> list[Any]:
+        """What decides depth besides the images, wherever it came from."""
+        return [replace(self.rig, source="")]
+
+    @property
     def camera(self) -> Camera:
         """The left camera, whose images stand for the frames."""
         return self.rig.left
@@ -212,6 +217,11 @@ class DepthCamera:
     depth_units: Depths | None = None
     sides: ClassVar = ("image: ", "depth: ")
 
+    @property
+    def identity(self) -> list[Any]:
+        """See ``Pair``."""
+        return [self.camera, self.sensor]
+
     def shot(self, image: AnyArray, depth_m: AnyArray) -> Shot:
         """Of an image and depth as decoded."""
         return image, self.registration(depth_m)
@@ -223,6 +233,7 @@ class OneCamera:
 
     size: tuple[int, int]
     sides: ClassVar = ("",)
+    identity: ClassVar[list[Any]] = []
 
     def shot(self, image: AnyArray) -> Shot:
         """Of an image as decoded."""

@@ -92,6 +92,11 @@ class RecordedViews(NamedTuple):
     rig: FloorRig
     config: str
 
+    @property
+    def identity(self) -> list[Any]:
+        """What decides depth besides the points: nothing."""
+        return []
+
 
 class MapsRecording:
     """A plan-view recording: iterate it for frames of ``RecordedPoints``.

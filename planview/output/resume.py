@@ -13,7 +13,6 @@ import platform
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from fnmatch import translate
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -29,7 +28,6 @@ from calib.types import AnyArray
 from planview.output.folder import LOCK_NAME, PRODUCTS, HoldsResultsError, RunInfo, products_in, read_run_info, writing
 from planview.output.tables import is_as_marked
 from stereo.readers.images import SUFFIXES
-from stereo.recording import Pair
 
 
 def difference(found: dict[str, Any], expected: dict[str, Any]) -> str:
@@ -63,11 +61,7 @@ def library_versions() -> dict[str, str]:
 
 def calibration_key(recording: Any) -> str:
     """Digest of what a recording was opened with, besides its images: cameras and times of every head, by number."""
-    parts = []
-    for part in recording.parts:
-        rig = part.head.rig if isinstance(part.head, Pair) else None
-        known = [getattr(part.head, name, None) for name in ("camera", "sensor")]
-        parts.append([rig and replace(rig, source=""), *known, getattr(part, "times_s", None)])
+    parts = [[*part.head.identity, getattr(part, "times_s", None)] for part in recording.parts]
     return digest_of([parts, getattr(recording, "starts_s", ())])
 
 

@@ -160,7 +160,6 @@ def track(job: RunJob) -> None:
         raise WorkError(f"expected planview {job.version} on this worker, found {code_version()}")
     if job.is_done:
         return
-    shutil.rmtree(job.folder, ignore_errors=True)  # somebody has removed its maps.h5
     cv2.setNumThreads(1)  # a study runs a job per core
     with whole_folder(job.folder) as folder:
         source, options = job.source, OpenOptions(job.source.calibration, job.source.fps)
@@ -170,6 +169,8 @@ def track(job: RunJob) -> None:
         run(engine, folder, RunOptions(tracker=job.tracker, max_frames=job.frames), logs)
         if job.report:
             write_report(folder)
+        if not job.is_done:  # what lacks something makes room only now
+            shutil.rmtree(job.folder, ignore_errors=True)
 
 
 def track_and_score(job: StudyJob) -> dict[str, float]:

@@ -4,6 +4,7 @@ import math
 import shutil
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from pandas import MultiIndex, Series
 import planview
 from calib.errors import InputError
 from planview.output.resume import code_version, content_key
+from planview.sweep import work
 from planview.sweep.results import JobResult, estimate, ranked, summary_csv, why_no_intervals
 from planview.sweep.study import Configuration, Range, RecordingEntry, Study, load_study
 from planview.sweep.work import companion_files
@@ -238,3 +240,13 @@ def test_random_draws_are_the_same_for_a_seed_lie_in_their_ranges_and_stop_where
     assert len(set(found)) == 10 and all(0.5 <= float(c.value("a.x")) <= 2.0 for c in found)
     assert {c.value("a.n") for c in found} <= {"1", "2", "3"}
     assert len(study_of({"a.c": ["p", "q"]}, method="random", samples=10).configurations()) == 2
+
+
+def test_finished_run_without_its_maps_stays_when_the_new_one_fails(tmp_path):
+    (tmp_path / "run").mkdir()
+    source = SimpleNamespace(path=tmp_path / "nope", camera=None, calibration=None, fps=None)
+    job = SimpleNamespace(version=code_version(), folder=tmp_path / "run", source=source, tracker="joint", config=None)
+    job.is_done = False
+    with pytest.raises(InputError, match="nope"):
+        work.track(job)
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
