@@ -104,7 +104,7 @@ SIDE_FILE_FAULTS = (
     Fault("frame of 30 digits in timestamps", replaced("timestamps.csv", rows(EVEN, "9" * 30)), 2, "timestamps.csv"),
     Fault("binary timestamps", replaced("timestamps.csv", bytes(range(256))), 2, "timestamps.csv"),
     Fault("timestamps of fewer frames", replaced("timestamps.csv", rows(EVEN[:20]))),
-    Fault("no timestamps", removed("timestamps.csv")),
+    Fault("no timestamps", removed("timestamps.csv"), 2, "use --fps"),
     Fault("clock that jumps by 30 days", replaced("timestamps.csv", rows([*EVEN[:15], *(float(t) + 2.6e6 for t in EVEN[15:])]))),
 )  # fmt: skip
 VIDEO_FAULTS = (
