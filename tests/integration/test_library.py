@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,6 +17,7 @@ import planview
 from calib.errors import InputError
 from calib.types import U8
 from planview.engine.engine import Engine, FrameResult
+from planview.engine.head import StageClock
 from planview.engine.open import engine_of, open_engine
 from planview.tracking.base import Decision, Observation, TrackerDebug
 from planview.tracking.ellipse_particle import EllipseParticleTracker
@@ -277,6 +279,20 @@ def test_maps_of_a_depth_image_of_ones_own_take_the_three_lines_of_the_api_page(
     row, column = np.unravel_index(int(np.argmax(maps.occupancy)), maps.occupancy.shape)
     x_m, y_m = maps.grid.centre_of(float(row), float(column))
     assert (x_m, y_m) == pytest.approx((0.0, 1.2 * math.sin(math.radians(30))), abs=0.1)
+
+
+def placed(result: FrameResult) -> list[tuple[int, float, float]]:
+    return [(person.track_id, person.x_m, person.y_m) for person in result.tracks]
+
+
+def test_loop_of_the_architecture_page_gives_the_tracks_of_the_engine(engine: Engine) -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "architecture.md").read_text(encoding="utf-8")
+    names: dict[str, Any] = {"Observation": Observation, "StageClock": StageClock, "FrameResult": FrameResult}
+    exec(page.partition("```python\n")[2].partition("```")[0], names)
+    expected = [placed(result) for result in engine]
+    engine.reset()
+    looped = names["track"](engine.recording, engine.heads, engine.tracker)
+    assert any(expected) and [placed(result) for result in looped] == expected
 
 
 def test_point_cloud_of_a_frame_lies_on_the_floor_and_on_the_person(engine: Engine) -> None:
