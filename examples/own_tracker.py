@@ -1,14 +1,15 @@
 """Another tracker: the nearest height maximum, with no memory of appearance.
 
 A tracker has ``update`` (once per frame, in order), ``reset``, ``decisions`` and ``debug``, and says what it ``needs``
-(``planview.Tracker``).
-Everything that earlier stages know comes in the observation; here the plan-view maps are enough.
+(``planview.Tracker``). Everything that earlier stages know comes in the observation; here the plan-view maps are
+enough, which one camera without depth does not have.
 
 Run: python examples/own_tracker.py [RECORDING]
 """
 
 import sys
 from dataclasses import replace
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -22,7 +23,7 @@ REACH_M = 0.6
 class NearestMaximum:
     """People are maxima of the height map; each takes the name of the nearest one of the frame before."""
 
-    needs = "maps"
+    needs: Literal["maps"] = "maps"
     decisions: tuple[planview.Decision, ...] = ()
 
     def __init__(self) -> None:
