@@ -264,13 +264,27 @@ def decode(data: bytes, flags: int) -> AnyArray:
     with suppress(Exception):  # libraries raise whatever a damaged file provokes
         with Image.open(BytesIO(data)) as header:
             size, why = header.size, f"a damaged {header.format}, or an unusual kind of it"
-        if size[0] * size[1] <= MAX_PIXELS:
-            image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
-        else:
+            fits = size[0] * size[1] <= MAX_PIXELS
+            pages = _pages(header) if fits else 1
+        if not fits:
             why = f"an image of {size_text(size)} pixels"
+        elif pages > 1:
+            why = f"{pages} pages in one {header.format}: write each into an image of its own"
+        else:
+            image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
     if image is None:
         raise UnreadableError(why)
     return np.asarray(image)
+
+
+def _pages(header: Image.Image) -> int:
+    """Pictures in an opened file (TIFF, GIF, PNG, WebP, a stereo pair in MPO); a smaller second one is a preview."""
+    size = header.size
+    with suppress(Exception):  # a damaged second one matters to nobody
+        if (pages := int(getattr(header, "n_frames", 1))) > 1:
+            header.seek(1)
+            return pages if header.size == size else 1
+    return 1
 
 
 def bits_of(*cameras: Sequence[Path | None]) -> int | None:

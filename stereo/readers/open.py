@@ -20,7 +20,7 @@ from stereo.readers.live import READER as LIVE
 from stereo.readers.pairing import pair_stamps
 from stereo.readers.side_by_side import READER as SIDE_BY_SIDE
 from stereo.readers.times import camera_times, read_times, stamps_of
-from stereo.readers.unknown import ONE_IMAGE, what_is_there
+from stereo.readers.unknown import ONE_IMAGE, inside_text, what_is_there
 from stereo.readers.video import READER as VIDEO_PAIR
 from stereo.readers.video import VideoFile, video_files, video_pair, video_tracks
 from stereo.recording import (
@@ -95,6 +95,8 @@ def _two_paths(left: Path, options: OpenOptions) -> base.Layout:
     if all(map(image_files, filter(Path.is_dir, paths))) and all(map(Path.is_dir, paths)):
         return sides_layout(left, in_folders(*paths), folder, options)
     videos = [video_files(path) if path.is_dir() else [path] for path in paths]
+    if several := next((path for path, found in zip(paths, videos, strict=True) if len(found) > 1), None):
+        raise InputError(f"{several}: expected one video, found {inside_text(several)}")
     if [len(found) for found in videos] != [1, 1]:
         raise InputError(f"{left} and {paths[1]}: expected two videos or two folders of images, found others")
     return video_pair(left, videos[0][0], videos[1][0], folder, options)

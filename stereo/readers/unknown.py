@@ -109,6 +109,10 @@ def inside_text(path: Path) -> str:
     """What a folder without images, videos and bags holds, and advice on the most frequent kind of files."""
     if folders := [f.name for f in entries(path) if f.is_dir() and image_files(f)]:
         return f"none in it, but in its folder {listed(folders)}: move them up"
+    if videos := [f.name for f in video_files(path)]:
+        way = "give the videos of both cameras as two paths"
+        way = way if len(videos) == 1 else f"join the parts of one camera into one (ffmpeg -f concat), and {way}"
+        return f"{'a video' if len(videos) == 1 else 'several videos'}, {listed(videos)}: {way}"
     files = [file for place in (path, *filter(Path.is_dir, entries(path))) for file in entries(place) if file.is_file()]
     kinds = Counter(file.suffix.lower() or file.name for file in files).most_common(4)
     if not kinds:

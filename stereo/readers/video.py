@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
-from itertools import takewhile
+from itertools import repeat, takewhile
 from pathlib import Path
 
 import cv2
@@ -58,13 +58,17 @@ class VideoFile:
         own = None if self.raw else rate_of_times(_packets(path, 300))
         if own and not abs(own.fps / self.fps - 1.0) <= 0.02:
             self.fps = own.fps
+        self._lost = _before_key_frame(path)
+        if not self.raw and self._lost:
+            self._start_ms -= 1000.0 * self._lost / self.fps
         self._grey = is_grey(np.asarray(first, dtype=np.uint8))
 
     def __iter__(self) -> Iterator[Decoded]:
         """Frames up to the last that can be decoded; a tail that cannot is left out."""
         capture = _open(self._path)
-        index, broken = 0, 0
+        index, broken = self._lost, 0
         try:
+            yield from map(self._early, range(self._lost))
             # Reads that fail in a row for about a second, more than a lost key frame costs, are the end.
             while broken < 25 and (broken == 0 or index + broken < self.n_frames):
                 found, image = capture.read()
@@ -85,9 +89,12 @@ class VideoFile:
         Some files (MPEG-1, uneven times) are read in order throughout: a seek lands on another frame there.
         """
         capture = _open(self._path)
-        position = 0
+        position = self._lost
         try:
             for index in indices:
+                if index < self._lost:
+                    yield self._early(index)
+                    continue
                 if index - position > 250 and self._seeks:  # the usual distance of key frames
                     there = _open(self._path)
                     if self._sought(there, index):
@@ -104,6 +111,9 @@ class VideoFile:
                 yield Decoded(index, self._time(capture, index), self._as_stored(image))
         finally:
             capture.release()
+
+    def _early(self, index: int) -> Decoded:
+        return Decoded(index, None, None, f"{self._path.name} begins without the key frame of this one")
 
     @cached_property
     def _seeks(self) -> bool:
@@ -202,6 +212,18 @@ def _packets(path: Path, most: int | None = None) -> F64:
         times.append(float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0)
     own = np.sort(np.array(times, dtype=np.float64))  # packets come in the order of decoding
     return np.asarray(own - own[:1], dtype=np.float64)
+
+
+def _before_key_frame(path: Path) -> int:
+    """How many frames of H.264 or H.265 come before the first key frame: decoders leave them out."""
+    capture = _open(path)
+    code = int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little", signed=True).lower()
+    capture.set(cv2.CAP_PROP_FORMAT, -1)
+    if code not in (b"h264", b"avc1", b"hevc", b"hev1", b"hvc1"):
+        return 0
+    early = takewhile(lambda _: capture.grab() and not capture.get(cv2.CAP_PROP_LRF_HAS_KEY_FRAME), repeat(None))
+    lost = sum(1 for _ in early)
+    return lost if capture.get(cv2.CAP_PROP_LRF_HAS_KEY_FRAME) else 0
 
 
 def _by_time(left_s: F64, right_s: F64) -> TimePairs | None:

@@ -35,6 +35,11 @@ DEEP = np.full((24, 32), 2000, np.uint16)
         ("a.yuv", "pixels without a container: ffmpeg -f rawvideo"),
         ("right/0.png left/a.heic", "left: expected images of one camera, found no images, videos or bags in it (a.he"),
         ("right/0.png left/images/0.png", "found none in it, but in its folder images: move them up"),
+        (
+            "left/a.mp4 left/b.mp4 right/a.mp4",
+            "left: expected images of one camera, found several videos, a.mp4 and b.mp4",
+        ),
+        ("left/a.mp4 right/a.mp4", "found a video, a.mp4: give the videos of both cameras as two paths"),
         ("notes.txt", "no images, videos or bags in it (notes.txt; 1 .txt)"),
         ("a.svo2", "ZED SDK"),
     ],

@@ -3,16 +3,21 @@
 import os
 import subprocess
 import sys
+from io import BytesIO
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 from toy_recordings import folder_recording, picture, write_images, write_video
 
 from calib.errors import InputError
 from stereo.readers import find_layout, open_recording, open_video
-from stereo.readers.video import boxes, video_tracks
+from stereo.readers.images import decode_image
+from stereo.readers.video import VideoFile, boxes, video_tracks
+
+DEMO = Path(__file__).parents[3] / "data/synthetic/demo/left.mp4"
 
 
 def closed(monkeypatch: pytest.MonkeyPatch, path: Path) -> None:
@@ -51,6 +56,22 @@ def test_bag_that_may_not_be_read_is_no_missing_bag(tmp_path, monkeypatch):
         find_layout(tmp_path)
 
 
+def pages(kind: str, second: tuple[int, int] = (32, 24)) -> bytes:
+    """A file of three pictures, of which the first is 32 pixels wide and 24 high."""
+    made = [
+        Image.fromarray(np.full((size[1], size[0], 3), 80 * i, np.uint8))
+        for i, size in enumerate([(32, 24), second, second])
+    ]
+    out = BytesIO()
+    made[0].save(out, kind, save_all=True, append_images=made[1:])
+    return out.getvalue()
+
+
+@pytest.mark.parametrize("kind", ["TIFF", "MPO"])
+def test_image_with_smaller_previews_is_one_image(kind):
+    assert decode_image(pages(kind, (16, 12))).shape == (24, 32, 3)
+
+
 @pytest.mark.parametrize(
     ("content", "why"),
     [
@@ -59,6 +80,11 @@ def test_bag_that_may_not_be_read_is_no_missing_bag(tmp_path, monkeypatch):
         (b"<!DOCTYPE html><html>", "a web page"),
         (b"\0\0\0\x18ftypheic" + bytes(20), "HEIF or AVIF"),
         (np.asarray(cv2.imencode(".tiff", np.ones((24, 32), np.float32))[1]).tobytes(), "float32 values"),
+        (pages("TIFF"), "3 pages in one TIFF: write each"),
+        (pages("GIF"), "3 pages in one GIF"),
+        (pages("PNG"), "3 pages in one PNG"),
+        (pages("WEBP"), "3 pages in one WEBP"),
+        (pages("MPO"), "3 pages in one MPO"),
         (None, "a link to a file that is not there"),
     ],
 )
@@ -85,6 +111,20 @@ def test_video_without_its_index_was_cut_off(tmp_path):
     (tmp_path / "a.mp4").write_bytes(box(b"ftyp", b"isom") + box(b"mdat", bytes(100)))
     with pytest.raises(InputError, match="cut off: its index"):
         open_video(tmp_path / "a.mp4")
+
+
+def test_frames_before_the_first_key_frame_are_skipped_and_the_others_keep_their_numbers(tmp_path):
+    capture = cv2.VideoCapture(str(DEMO))
+    capture.set(cv2.CAP_PROP_FORMAT, -1)
+    packets = [capture.read()[1].tobytes() for _ in range(256)]
+    parameters = packets[0].partition(b"\0\0\0\1\x67")[2][:40]  # behind SEI: SPS and PPS, before the key frame
+    start = b"\0\0\0\1\x67" + parameters.partition(b"\0\0\1\x65")[0]
+    (tmp_path / "a.h264").write_bytes(start + b"".join(packets[247:]))
+    video = VideoFile(tmp_path / "a.h264")
+    assert [frame.index for frame in video if frame.image is None] == [0, 1, 2] and video.n_frames == 9
+    (third,) = video.at([4])
+    (same,) = VideoFile(DEMO).at([251])
+    np.testing.assert_array_equal(third.image, same.image)
 
 
 def test_video_tracks_of_a_container_are_counted(tmp_path):
