@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
@@ -35,11 +34,8 @@ def find_rig(path: Path) -> Found:
     if found is None and is_tsai(source):
         raise InputError(f"{path}: expected a stereo calibration, found a single camera (Tsai)")
     if found is None:
-        names = f": {', '.join(json.loads(source.text))}" if path.suffix.lower() == ".npz" else ""
         known = ", ".join(f.name for f in FORMATS)
-        raise InputError(
-            f"{path}: expected a calibration ({known}), found none of these formats{names}{_nearest(source)}"
-        )
+        raise InputError(f"{path}: expected a calibration ({known}), found none of these formats{_nearest(source)}")
     form, part = found
     if part == "whole":
         return form, (source,)

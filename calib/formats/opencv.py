@@ -48,11 +48,8 @@ COMMON_SIZES: tuple[Size, ...] = (
 
 def _part(source: Source) -> str | None:
     matrix, translation = (dict(_CAMERAS)[name].search(source.text) is not None for name in ("M1", "T"))
-    if source.text.lstrip().startswith("{") or "opencv-matrix" in source.text:
-        if matrix and translation:
-            return "whole"
-        if (matrix or translation) and "opencv-matrix" in source.text:
-            return "left" if matrix else "right"
+    if "opencv-matrix" in source.text and matrix != translation:
+        return "left" if matrix else "right"
     return base.whole_with(_CAMERAS, _RECTIFIED)(source)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import warnings
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,7 +20,7 @@ from planview.output.folder import RunInfo, finished_run, folder_lock, read_mode
 from planview.output.report.page import write_report
 from planview.output.report.snapshots import read_decision_log
 from planview.output.run_folder import RunFolder
-from planview.trajectories.table import Trajectories, people_of, read_tracks, write_table
+from planview.trajectories.table import Trajectories, doubt, people_of, read_tracks, write_table
 
 EDITS = "edits.json"
 TRACKS_BEFORE = "tracks_before.csv"
@@ -126,6 +127,8 @@ def _readable_run(folder: Path) -> RunFolder:
     if not folder.is_dir() or finished_run(folder) is None:
         raise InputError(f"{folder}: no finished run in it") if folder.exists() else missing(folder)
     run = RunFolder(folder).read_all()
+    if odd := doubt(run.tracks):
+        warnings.warn(f"{folder / 'tracks.csv'}: {odd}", stacklevel=3)
     read_decision_log(folder / "decisions.csv", set(run.tracks.track_id.tolist()))
     return run
 

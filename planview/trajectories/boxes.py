@@ -47,7 +47,9 @@ HEADERS = (
 
 def named_columns(line: str) -> list[int]:
     """Places of frame, id, box, score and class in a line of names; empty of any other line."""
-    names = [name.strip(" \"'").lower() for name in re.split(r"[,;\t]", line.strip())]
+    line = line.strip(" #%\r\n")
+    separator = r"[,;\t]" if re.search(r"[,;\t]", line) else r"\s+"
+    names = [name.strip(" \"'").lower() for name in re.split(separator, line)]
     places = [next((i for i, name in enumerate(names) if name in known), -1) for known in HEADERS]
     return [] if -1 in places[:6] else [place for place in places if place >= 0]
 

@@ -20,7 +20,7 @@ from calib.io import entries, expecting, read_text, reason, require_file, whole_
 from planview.trajectories import layouts
 from planview.trajectories.boxes import named_columns, read_motchallenge, write_motchallenge
 from planview.trajectories.file import TrajectoryFile, checked_rate, surrounding_area
-from planview.trajectories.table import Trajectories, frame_period_s, read_tracks, read_truth, write_table
+from planview.trajectories.table import Trajectories, doubt, frame_period_s, read_tracks, read_truth, write_table
 
 BINARY = {
     layouts.SIGNATURE: layouts.read_ped_data_archive,
@@ -47,18 +47,18 @@ def load_tracks(path: Path) -> Trajectories:
 
 
 def load_file(path: Path, *, truth: bool = False) -> TrajectoryFile:
-    """Trajectories of any layout: our own, MOTChallenge and PETS, PeTrack and PedPy, laboratory rows without comments,
-    Vadere, Pathfinder, crowdit, Viswalk, Ped Data Archive, JuPedSim, Parquet, JSON lines.
+    """Trajectories of any layout: our own, MOTChallenge and PETS, rows whose columns a line names (PeTrack, PedPy,
+    Vadere, Pathfinder, crowdit, Viswalk) or none, Ped Data Archive, JuPedSim, Parquet, JSON lines.
 
     Rows without times get them from the frame rate, where the file gives one; ground truth is read as such with
-    ``truth``. Warns of what was assumed or left out. Raises InputError: unreadable or none of these.
+    ``truth``. Warns of what was assumed, left out or cannot be. Raises InputError: unreadable or none of these.
     """
     file = _load(path, truth)
-    if file.note:
-        warnings.warn(f"{path}: {file.note}", stacklevel=2)
-    if file.fps is None or np.isfinite(file.table.timestamp_s).any():
-        return file
-    return replace(file, table=replace(file.table, timestamp_s=file.table.frame / file.fps))
+    if file.fps is not None and not np.isfinite(file.table.timestamp_s).any():
+        file = replace(file, table=replace(file.table, timestamp_s=file.table.frame / file.fps))
+    for sentence in filter(None, (file.note, doubt(file.table))):
+        warnings.warn(f"{path}: {sentence}", stacklevel=2)
+    return file
 
 
 def _load(path: Path, truth: bool) -> TrajectoryFile:
@@ -69,8 +69,6 @@ def _load(path: Path, truth: bool) -> TrajectoryFile:
         return _unpacked(path, truth)
     if start.startswith(b"version ") and path.suffix == ".trc":
         raise InputError(f"{path}: expected trajectories in metres, found pixels of PeTrack: export its .txt")
-    if found := layouts.simulation_of(start.decode("utf-8-sig", "ignore")):
-        return layouts.read_simulation(path, *found)
     for magic, reader in BINARY.items():
         if start.startswith(magic):
             return reader(path)
@@ -79,12 +77,16 @@ def _load(path: Path, truth: bool) -> TrajectoryFile:
         line = first.decode("utf-8-sig", "ignore" if len(first) == _FIRST_LINE else "strict")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: expected text in UTF-8, found another encoding, such as UTF-16 of Excel") from error
-    is_table = re.match(r"\s*[-+.\deE]+(?=[\s,;]|$)", line) is not None
-    if line.startswith("#") or (is_table and len(line.split()) < 6 and not set(",;") & set(line)):
-        return layouts.read_petrack(path)
+    text, is_table = start.decode("utf-8-sig", "ignore"), re.match(r"\s*[-+.\deE]+(?=[\s,;]|$)", line) is not None
     if line.startswith("{"):
         return layouts.read_jsonl(path)
-    if is_table or named_columns(line) or not start:
+    if named_columns(line) or not start:
+        return read_motchallenge(path, truth=truth)
+    is_ours = {"frame", "id", "x_m", "y_m"} <= {name.strip('" \r') for name in line.split(",")}
+    is_short = is_table and len(re.split(r"[\s,;]+", line.strip())) < 6
+    if not is_ours and (is_short or line.startswith("#") or layouts.columns_of(text)):
+        return layouts.read_rows(path, text)
+    if is_table:
         return read_motchallenge(path, truth=truth)
     return TrajectoryFile(read_truth(path) if truth else read_tracks(path))
 

@@ -19,15 +19,16 @@ from contextlib import closing, contextmanager
 from importlib.util import find_spec
 from itertools import takewhile
 from pathlib import Path
-from typing import IO, Any, NamedTuple, NoReturn
+from typing import IO, Any, NoReturn
 
 import numpy as np
 
 from calib.errors import InputError
-from calib.io import expecting
+from calib.io import UNITS_M, expecting
 from calib.types import F64, AnyArray
 from planview.trajectories.file import TrajectoryFile, checked_area, checked_rate, refuse_many
 from planview.trajectories.table import (
+    HEIGHTS_M,
     NUMBER_COLUMNS,
     STATES,
     TRACK_COLUMNS,
@@ -37,29 +38,112 @@ from planview.trajectories.table import (
 )
 
 METRES = {"m": 1.0, "cm": 0.01}
-_RATE = re.compile(r"framerate\s*[:=]?\s*([^\s,;]+)", re.IGNORECASE)
-_CENTIMETRES = re.compile(r"x\s*[/\[(]\s*cm\b|\bin\s+cm\b", re.IGNORECASE)
-_METRES = re.compile(r"x\s*[/\[(]\s*m\b|\bin\s+(m\b|met)", re.IGNORECASE)
+_LENGTHS = {**UNITS_M, **dict.fromkeys(("meter", "meters", "metre", "metres"), 1.0)}
+_UNITS = {**_LENGTHS, "s": 1.0, "sec": 1.0, "ms": 0.001}
+_RATE = re.compile(r"(?:framerate\s*[:=]?|(?:frame rate|fps)\s*[:=])\s*([^\s,;]+)", re.IGNORECASE)
+_STATED = re.compile(rf"(?:\bin\s+|x\s*[/\[(]\s*)({'|'.join(_LENGTHS)})\b", re.IGNORECASE)
+_UNIT = re.compile(rf"(?:\s+in)?[\s/_(\[]+({'|'.join(_UNITS)})\s*[)\]]?$", re.IGNORECASE)
+_PLACE = (
+    "(pos|position|start|coordcent|world|map|floor|ground|cent(er|re))?{}(pos|position|world|map|floor|ground|coord)?"
+)
+_NAMES = {
+    "id": "((ped|pedestrian|pers|person|agent|track|obj|object|human)(s|id|no|nr|number)?)|p?id|no",
+    "frame": "(frame|fr)(id|no|nr|number|index|num)?|timestep",
+    "time": "t|(sim|global)?time(stamp)?|simsec",
+    "x": _PLACE.format("x"), "y": _PLACE.format("y"), "z": _PLACE.format("z") + "|(head|body)?height",
+}  # fmt: skip
+"""What programs call the columns of trajectories, in lower case and without units, blanks and signs."""
+LABORATORY_FPS, LABORATORY_SPAN_CM = 16.0, 100.0
+"""Of the laboratory experiments of Juelich, whose rows no line names: frame rate, and how far people walk at least."""
 LINE_MAX = 10_000_000
 """Most characters of a line: a frame of 50,000 people."""
 _VALUES = ("x_m", "y_m", "vx_mps", "vy_mps", "height_m")
 
 
-def read_petrack(path: Path) -> TrajectoryFile:
-    """PeTrack, PedPy: comments give the unit and, usually, the frame rate; without comments it is one of the laboratory
-    experiments of Juelich: centimetres at 16 frames per second. A z of 0 or less, or none, is no height."""
-    rate, scale = _comments(path)
-    with expecting(path, "rows of id frame x y z", OSError, ValueError), warnings.catch_warnings():
+Columns = dict[str, tuple[int, float | None]]
+"""Places of id, frame, time, x, y and z in a row, and their units in metres or seconds, None where they name none."""
+
+
+def columns_of(text: str) -> tuple[int, Columns] | None:
+    """The first line, from 0, that names an id, a frame or time, x and y, and the columns it names. It may be a comment
+    and name units, e.g. "# frame id x/cm y/cm" or "ped_id;time_ms;X_world [m];Y_world [m]"."""
+    for number, line in enumerate(text.splitlines()):
+        found: Columns = {}
+        line = re.sub(r"\s+(?=[(\[])", "", line.strip(" \t#%"))
+        for place, cell in enumerate(re.split(r"[;,\t]" if re.search(r"[;,\t]", line) else r"\s+", line)):
+            # Viswalk begins its names with "$PEDESTRIAN:", Vadere ends them with "-PID1".
+            cell = re.sub(r"^\$\w+:|-PID\d+$", "", cell.strip(" \"'"))
+            unit, plain = _UNIT.search(cell), re.sub(r"[\s_.-]", "", _UNIT.sub("", cell)).lower()
+            role = next((role for role, names in _NAMES.items() if re.fullmatch(names, plain)), None)
+            if role and (role not in found or "world" in plain):  # the image may have x and y, too
+                found[role] = place, _UNITS[unit[1].lower()] if unit else None
+        if {"id", "x", "y"} <= found.keys() and found.keys() & {"frame", "time"}:
+            return number, found
+    return None
+
+
+def read_rows(path: Path, start: str) -> TrajectoryFile:
+    """Rows of numbers whose columns a line in the ``start`` of the file names: PeTrack, PedPy, simulations and others.
+
+    Comments give the frame rate, and the unit where names have none; simulations, which have times for frames, are in
+    metres. Rows without names are what fits best. A z of 0 or less, or none, is no height."""
+    comments = "".join(takewhile(lambda line: line[0] == "#" or not line.strip(), start.splitlines(keepends=True)))
+    header, columns = columns_of(start) or (-1, {})
+    rows = [line for line in start.splitlines()[header + 1 :] if line.strip() and line[0] not in "#*"] or [""]
+    expected = f"rows of {' '.join(columns) or 'id frame x y z'}"
+    with expecting(path, expected, OSError, ValueError), warnings.catch_warnings():
         # A file with nothing but comments is an empty table.
         warnings.filterwarnings("ignore", "loadtxt: input contained no data")
-        table = np.loadtxt(path, ndmin=2, dtype=np.float64, encoding="utf-8-sig")
-    table = table if len(table) else np.empty((0, 5))
+        table = np.loadtxt(
+            path, comments="*" if start.startswith("$") else "#",
+            delimiter=next((separator for separator in ";," if separator in rows[0]), None),
+            skiprows=header + 1 + (header >= 0 and re.search(r"\d", rows[0]) is None),  # Pathfinder's line of units
+            usecols=[place for place, _ in columns.values()] or None,
+            ndmin=2, dtype=np.float64, quotechar='"', encoding="utf-8-sig",
+        )  # fmt: skip
+    table = table if len(table) else np.empty((0, len(columns) or 5))
     if table.shape[1] < 4:
         raise InputError(f"{path}: expected the columns id frame x y z, found {table.shape[1]} columns")
-    columns = {"id": table[:, 0], "frame": table[:, 1], "x_m": scale * table[:, 2], "y_m": scale * table[:, 3]}
-    if table.shape[1] > 4:
-        columns["height_m"] = np.where(table[:, 4] > 0, scale * table[:, 4], np.nan)
-    return TrajectoryFile(table_of(columns, path), rate)
+    rate = checked_rate(path, found[1]) if (found := _RATE.search(comments)) else None
+    unit, note = _LENGTHS[found[1].lower()] if (found := _STATED.search(comments)) else None, ""
+    if not columns:
+        columns = dict.fromkeys(_order(table)[: table.shape[1]], (0, None))
+        note = f"no line names the columns: taken as {' '.join(columns)}"
+        if not comments.strip():
+            unit, rate = (METRES["cm"], LABORATORY_FPS) if _is_laboratory(table) else (METRES["m"], None)
+            note += f", centimetres, {rate:g} frames per second" if rate else ", metres"
+    if "frame" not in columns:
+        unit = unit or METRES["m"]
+    if unit is None and None in (columns["x"][1], columns["y"][1]):
+        raise InputError(f"{path}: expected the unit of x and y in their names or a comment (x/m or x/cm), found none")
+    units = {"id": 1.0, "frame": 1.0, "time": 1.0}
+    named = zip(columns.items(), table.T, strict=False)
+    values = {name: cells * (own or units.get(name, unit)) for (name, (_, own)), cells in named}
+    if "frame" not in values:
+        return _by_time(path, np.column_stack([values[name] for name in ("id", "time", "x", "y")]))
+    height = {"height_m": np.where(values["z"] > 0, values["z"], np.nan)} if "z" in values else {}
+    names = {"time": "timestamp_s", "x": "x_m", "y": "y_m"}
+    return TrajectoryFile(table_of({names.get(k, k): v for k, v in values.items()} | height, path), rate, note=note)
+
+
+def _order(table: F64) -> tuple[str, ...]:
+    """What (N, 4 or more) rows without names hold: ids are those by which people move least from row to row."""
+
+    def step(ids: F64, frames: F64) -> float:
+        order = np.lexsort((frames, ids))
+        moved = np.hypot(*np.diff(table[order, 2:4], axis=0).T)[np.diff(ids[order]) == 0]
+        return float(np.median(moved)) if len(moved) else math.inf
+
+    exchanged = step(table[:, 1], table[:, 0]) < step(table[:, 0], table[:, 1])
+    return (*(("frame", "id") if exchanged else ("id", "frame")), "x", "y", "z")
+
+
+def _is_laboratory(table: F64) -> bool:
+    """Whether such rows are in centimetres, and not in metres: by heights, else by how far people walk."""
+    heights = table[:, 4:5][table[:, 4:5] > 0]
+    if len(heights):
+        return bool(np.median(heights) > HEIGHTS_M[1])
+    return bool(np.ptp(table[:, 2:4], axis=0).max(initial=0.0) > LABORATORY_SPAN_CM)
 
 
 def write_petrack(path: Path, file: TrajectoryFile, unit: str = "m") -> None:
@@ -71,26 +155,6 @@ def write_petrack(path: Path, file: TrajectoryFile, unit: str = "m") -> None:
     digits = "%.4f" if unit == "m" else "%.2f"
     header = f"# framerate: {file.fps:g} fps\n# id frame x/{unit} y/{unit} z/{unit}"
     np.savetxt(path, rows, ["%d", "%d", digits, digits, digits], header=header, comments="")
-
-
-def _comments(path: Path) -> tuple[float | None, float]:
-    """Frames per second (None without a comment) and metres per unit."""
-    with (
-        expecting(path, "rows of id frame x y z", OSError, UnicodeDecodeError),
-        path.open(encoding="utf-8-sig") as file,
-    ):
-        lines = [line for line, _ in zip(file, range(1000), strict=False)]
-    text = "".join(takewhile(lambda line: line.startswith("#") or not line.strip(), lines))
-    if not text.strip():
-        return 16.0, METRES["cm"]
-    rate = _RATE.search(text)
-    if _CENTIMETRES.search(text):
-        scale = METRES["cm"]
-    elif _METRES.search(text):
-        scale = METRES["m"]
-    else:
-        raise InputError(f"{path}: expected a comment with the unit (x/m or x/cm) before the rows, found none")
-    return (checked_rate(path, rate.group(1)) if rate else None), scale
 
 
 def stream_jsonl(out: IO[str], table: Trajectories) -> None:
@@ -155,56 +219,15 @@ RATE_HZ = 10.0
 """Frames per second of positions whose times are uneven, between which they are interpolated."""
 
 
-class Simulation(NamedTuple):
-    """A program's table: columns of id, time [s], x and y [m], what separates cells, and what begins comments."""
-
-    name: str
-    columns: tuple[str, str, str, str]
-    separator: str
-    comment: str | None = None
-
-
-SIMULATIONS = (
-    Simulation("Vadere", ("pedestrianId", "simTime", "startX", "startY"), " ", "#"),
-    Simulation("Pathfinder", ("id", "t", "x", "y"), ","),
-    Simulation("crowdit", ("pedID", "time", "posX", "posY"), ","),
-    Simulation("Viswalk", ("NO", "SIMSEC", "COORDCENTX", "COORDCENTY"), ";", "*"),
-)
-
-
-def simulation_of(text: str) -> tuple[Simulation, int] | None:
-    """The program whose columns one of the first lines of a file names, and the number of that line, from 0."""
-    lines = enumerate(text.splitlines()[:50])
-    found = ((s, n) for n, line in lines for s in SIMULATIONS if {*s.columns} <= {*_names(line, s.separator)})
-    return next(found, None)
-
-
-def _names(line: str, separator: str) -> list[str]:
-    """Names of columns without what Vadere adds behind ("-PID1") and Viswalk before ("$PEDESTRIAN:")."""
-    cells = (cell.strip().strip('"') for cell in line.split(separator))
-    return [cell.removeprefix("$PEDESTRIAN:").partition("-PID")[0] for cell in cells]
-
-
-def read_simulation(path: Path, simulation: Simulation, header: int) -> TrajectoryFile:
-    """A table whose columns line ``header``, from 0, names; the time between its rows gives the frames, and where it is
-    uneven (Vadere writes footsteps), the positions are interpolated."""
-    import pandas  # half a second
-
-    with expecting(path, f"trajectories of {simulation.name}", OSError, ValueError, AttributeError, StopIteration):
-        with path.open(encoding="utf-8-sig") as file:
-            names = _names([next(file) for _ in range(header + 1)][-1], simulation.separator)
-        cells = pandas.read_csv(
-            path, sep=simulation.separator, comment=simulation.comment, skiprows=header + 1, names=names,
-            usecols=simulation.columns, index_col=False, dtype="str", encoding="utf-8-sig", skip_blank_lines=True,
-        )[list(simulation.columns)]  # fmt: skip
-        if len(cells) and cells.iloc[0, 1].strip(" []()").isalpha():  # Pathfinder's line of units
-            cells = cells.iloc[1:]
-        track_id, time_s, x, y = (np.asarray(cells[name].astype(np.float64)) for name in simulation.columns)
-    rows = np.column_stack([track_id, time_s, x, y])[np.lexsort((time_s, track_id))]
+def _by_time(path: Path, rows: F64) -> TrajectoryFile:
+    """(N, 4) rows of id, time, x and y; the time between a person's gives the frames, and where it is uneven (Vadere
+    writes footsteps), positions are interpolated."""
+    rows = rows[np.lexsort((rows[:, 1], rows[:, 0]))]
     steps = np.diff(rows[:, 1])[np.diff(rows[:, 0]) == 0]
     if not (np.isfinite(rows).all() and (steps > 0).any()):
         raise InputError(f"{path}: expected people at several times, found none")
-    period_s, note = float(np.median(steps[steps > 0])), ""
+    span_s, note = float(np.ptp(rows[:, 1])), ""
+    period_s = span_s / round(span_s / float(np.median(steps[steps > 0])))  # steps are rounded
     frames = rows[:, 1] / period_s
     if (np.abs(frames - np.round(frames)) > 0.1).any():
         note = f"times are uneven: positions are interpolated to {RATE_HZ:g} frames per second"

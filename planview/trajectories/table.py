@@ -40,6 +40,9 @@ STATES = ("tentative", "confirmed", "lost")
 PERSON_S = 0.5
 """A track is a person once it is confirmed for so long in all [s]. Flickers of foreground are shorter,
 people who cross the view are observed for longer."""
+HEIGHTS_M, SPEED_MAX_MPS, SPAN_MIN_M, IDS_PER_FRAME_MAX = (0.3, 3.0), 12.0, 0.3, 10
+"""Beyond these a table does not hold people: the smallest and the tallest, the fastest sprint, the room that two of
+them need, and how many of a crowd pass in a frame."""
 IGNORED = -1.0
 """``visible`` of a truth row that never counts: a distractor of a benchmark."""
 
@@ -326,6 +329,29 @@ def ordinal(number: int) -> str:
     """2nd, 3rd, 4th, 11th, 21st."""
     last = 0 if number % 100 in (11, 12, 13) else number % 10
     return f"{number}{('th', 'st', 'nd', 'rd')[last] if last < 4 else 'th'}"
+
+
+def doubt(table: Trajectories) -> str:
+    """What no people are or do, in a sentence: of another unit, rate or order of columns; empty where there is none.
+    A table without times is taken as one of two frames per second at least."""
+    known = table.where((table.state == "confirmed") & np.isfinite(table.x_m) & np.isfinite(table.y_m))
+    ids, frames = len(np.unique(known.track_id)), len(np.unique(known.frame))
+    heights, speeds, found = list[float](), list[float](), list[str]()
+    times = known.frame * frame_period_s(known, PERSON_S)
+    for _, rows in rows_by_id(known.track_id):
+        rows = rows[np.unique(times[rows] // PERSON_S, return_index=True)[1]]  # longer than positions flicker
+        sizes = known.height_m[rows][np.isfinite(known.height_m[rows])]
+        heights += [float(np.median(sizes))] if len(sizes) else []
+        steps = np.hypot(np.diff(known.x_m[rows]), np.diff(known.y_m[rows])) / np.diff(times[rows])
+        speeds += [float(np.median(steps))] if len(steps) else []
+    for values, (low, high), unit in ((heights, HEIGHTS_M, "m tall"), (speeds, (0.0, SPEED_MAX_MPS), "m/s fast")):
+        if odd := [value for value in values if not low <= value <= high]:
+            found.append(f"{len(odd)} of {ids} people would be {np.median(odd):.3g} {unit}")
+    if ids > 1 and (span := max(np.ptp(known.x_m), np.ptp(known.y_m))) < SPAN_MIN_M:
+        found.append(f"all {ids} people would be within {span:.2g} m")
+    if frames > 1 and ids > IDS_PER_FRAME_MAX * frames:
+        found.append(f"{ids} people would pass in {frames} frames")
+    return f"{', '.join(found)}: another unit, frame rate or order of columns?" if found else ""
 
 
 def is_person(confirmed_frames: I64, frame_s: float) -> Bool:

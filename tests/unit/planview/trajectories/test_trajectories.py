@@ -28,6 +28,7 @@ from planview.trajectories.state import TrackState
 from planview.trajectories.table import (
     Trajectories,
     TrajectoryCollector,
+    doubt,
     frame_period_s,
     positions_table,
     read_tracks,
@@ -268,6 +269,81 @@ def test_rate_and_image_size_of_a_sequence_are_those_of_its_seqinfo(tmp_path: Pa
     assert (sequence_rate(truth), sequence_size(truth)) == (10.0, (640, 480))
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "# framerate: 15\n# frame id x/m y/m z/m\n30 7 1.5 2.5 1.75\n",
+        "# fps: 15\n# id frame y/m x/m z/m\n7 30 2.5 1.5 1.75\n",
+        "# framerate: 15\n\n# PersID\tFrame\tX/cm\tY/cm\tZ/cm\n7\t30\t150\t250\t175\n",
+        "# framerate: 15\n# positions in cm\n# FrameID PedestrianID X Y Z\n30 7 150 250 175\n",
+        "# framerate: 15\nframe_number,Y_world (mm),X_world [mm],height [cm],ped_id\n30,2500,1500,175,7\n",
+        "frame;time [ms];agent_id;x;y;x_world_m;y_world_m;z_m\n30;2000;7;640;480;1.5;2.5;1.75\n",
+    ],
+)
+def test_columns_are_those_that_a_line_names_in_any_order_and_unit(tmp_path: Path, text: str) -> None:
+    table = load_tracks(written(tmp_path, text))
+    assert (table.frame[0], table.track_id[0], table.timestamp_s[0]) == (30, 7, 2.0)
+    assert (table.x_m[0], table.y_m[0], table.height_m[0]) == pytest.approx((1.5, 2.5, 1.75))
+
+
+@pytest.mark.parametrize("text", ["# id frame x y\n7 30 1.5 2.5\n", "frame,id,x,y\n30,7,1.5,2.5\n"])
+def test_positions_without_a_unit_are_refused(tmp_path: Path, text: str) -> None:
+    with pytest.raises(InputError, match=r"expected the unit of x and y in their names or a comment \(x/m or x/cm\)"):
+        load_tracks(written(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("unit", "exchanged", "taken"),
+    [
+        (0.01, False, "taken as id frame x y, centimetres, 16 frames per second"),
+        (0.01, True, "taken as frame id x y, centimetres, 16 frames per second"),
+        (1.0, True, "taken as frame id x y, metres"),
+    ],
+)
+def test_rows_without_names_are_taken_as_paths_that_are_smooth_and_say_so(tmp_path, unit, exchanged, taken) -> None:
+    rows = [(person, frame, 3.0 * person + 0.1 * frame, 2.0) for person in (1, 2) for frame in range(8)]
+    lines = [f"{a} {b} {x / unit:.1f} {y / unit:.1f}\n" for a, b, x, y in rows]
+    lines = [" ".join([b, a, *more]) + "\n" for a, b, *more in map(str.split, lines)] if exchanged else lines
+    with pytest.warns(UserWarning, match=taken):
+        table = load_tracks(written(tmp_path, "".join(lines)))
+    assert np.unique(table.track_id).tolist() == [1, 2] and table.x_m[0] == pytest.approx(3.0)
+
+
+def walking(unit: float = 1.0, people: int = 2, frames: int = 40, heights: float = 1.7) -> Trajectories:
+    """People who walk at 1.5 m/s side by side, at 15 frames per second, in another unit."""
+    frame, person = np.repeat(np.arange(frames), people), np.tile(np.arange(people), frames)
+    xy = np.column_stack([0.1 * frame, 2.0 * person])
+    return positions_table(frame, person, xy * unit, np.full(len(xy), heights * unit), frame / 15)
+
+
+@pytest.mark.parametrize(
+    ("table", "odd"),
+    [
+        (walking(), ""),
+        (walking(100.0), "2 of 2 people would be 170 m tall, 2 of 2 people would be 150 m/s fast: another unit"),
+        (walking(0.01), "2 of 2 people would be 0.017 m tall, all 2 people would be within 0.039 m"),
+        (walking(people=50, frames=3), "50 people would pass in 3 frames"),
+        (walking(heights=np.nan), ""),
+        (two_walkers(0), ""),
+    ],
+)
+def test_people_of_impossible_size_speed_or_number_are_doubted(table: Trajectories, odd: str) -> None:
+    assert doubt(table).startswith(odd) and bool(doubt(table)) == bool(odd)
+
+
+def test_doubts_are_said_when_a_table_is_read(tmp_path: Path) -> None:
+    write_file(tmp_path / "x.txt", TrajectoryFile(walking(100.0), 15.0), "pedpy")
+    with pytest.warns(UserWarning, match=r"x.txt: 2 of 2 people would be 170 m tall"):
+        load_tracks(tmp_path / "x.txt")
+
+
+def test_positions_that_flicker_and_a_jump_are_no_doubt() -> None:
+    table = walking()
+    table.x_m[::3] += 0.3  # 9 m/s from frame to frame
+    table.x_m[table.frame > 30] += 20.0
+    assert doubt(table) == ""
+
+
 VADERE = "#IDXCOL=2,DATACOL=2\npedestrianId simTime endTime-PID1 startX-PID1 startY-PID1\n"
 
 
@@ -309,7 +385,7 @@ NO_WIDTH = "expected boxes with a width and height above 0, found in"
         (load_detections, "a.txt", "1,-1,10,20,0,60,1\n", NO_WIDTH),
         (load_detections, "a.json", '[{"image_id": 1, "category_id": 1, "bbox": [1, 2, 0, 60]}]', NO_WIDTH),
         (load_detections, "a.json", '[{"image_id": 1, "category_id": 3, "bbox": [1, 2, 3, 6]}]', "found category 3"),
-        (load_tracks, "a.csv", "pedID,time,posX,posY\n1,0.0,far,2.0\n", "trajectories of crowdit, found .*'far'"),
+        (load_tracks, "a.csv", "pedID,time,posX,posY\n1,0.0,far,2.0\n", "rows of id time x y, found .*'far'"),
         (load_tracks, "a.trc", "version 4\n2\n", r"found pixels of PeTrack: export its \.txt"),
         *(
             (load_truth, "a.txt", f"1,7,10,20,30,60,{end}\n", "truth rows that count")
