@@ -19,7 +19,7 @@ Record = Callable[[str], object]
 
 
 def _unrecorded(_stage: str) -> None:
-    """Nobody wants to know."""
+    """Times that are not recorded."""
 
 
 class Measure(Protocol):

@@ -111,15 +111,18 @@ def engine_of(
     """
     config = config or _default_config(recording)
     first = recording.parts[0].head
-    if matcher is not None and not isinstance(first, Pair):
-        raise InputError(f"{recording.path}: expected a recording of one stereo pair for a matcher of your own")
+    if matcher is not None and not all(isinstance(part.head, Pair) for part in recording.parts):
+        raise InputError(f"{recording.path}: a matcher of your own needs a recording of stereo pairs alone")
+    if setup is not None and len(recording.parts) > 1:
+        raise InputError(f"{recording.path}: a setup is of one head, and this recording has {len(recording.parts)}")
+    for part in recording.parts:
+        refuse_untimed(part)
     if isinstance(first, OneCamera):
         ground_camera = load_one_camera(camera, first.size) if isinstance(camera, Path) else camera
         if detections is not None:
             follower: ImageTracker = _box_tracker(recording.n_frames, first, detections, config, ground_camera)
         else:
             follower = _image_tracker(_that_fits(tracker, "image", recording), config, ground_camera)
-        refuse_untimed(recording)
         head = CameraHead(config.single_camera, first.size, follower, ground_camera)
         engine = Engine(recording, config, [head], follower)
         if study:
@@ -129,8 +132,6 @@ def engine_of(
         problem = f"{recording.path} is no video of one camera, and boxes are tracked in one image"
         raise InputError(problem, argument="detections")
     floor_tracker = _floor_tracker(_that_fits(tracker, "maps", recording), config)
-    for part in recording.parts:
-        refuse_untimed(part)
     heads = [_head_above_floor(part, config, matcher, setup) for part in recording.parts]
     return Engine(recording, config, heads, floor_tracker)
 

@@ -63,7 +63,7 @@ def test_a_tracker_without_reset_is_refused_before_the_recording_is_read(tmp_pat
 def test_trackers_and_matchers_that_do_not_go_with_a_recording_are_refused(copy, tmp_path):
     with pytest.raises(InputError, match="the tracker ellipse-particle needs one camera without depth"):
         planview.run(copy, tracker="ellipse-particle")
-    with pytest.raises(InputError, match="expected a recording of one stereo pair"):
+    with pytest.raises(InputError, match="a matcher of your own needs a recording of stereo pairs"):
         planview.run(
             copy / "left", tracker="ellipse-particle", matcher=lambda left, right: np.zeros(left.shape, np.float32)
         )
