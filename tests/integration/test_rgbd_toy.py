@@ -80,7 +80,7 @@ def test_person_is_tracked_from_depth_alone_and_alike_step_by_step(engine):
 
 
 def test_a_matcher_of_ones_own_is_refused_for_depth(recording: Path) -> None:
-    with pytest.raises(InputError, match="expected a recording of one stereo pair"):
+    with pytest.raises(InputError, match="a matcher of your own needs a recording of stereo pairs"):
         open_engine(recording, config=FEW, matcher=lambda left, right: np.zeros(left.shape, np.float32))
 
 
