@@ -115,14 +115,13 @@ def engine_of(
         raise InputError(f"{recording.path}: a matcher of your own needs a recording of stereo pairs alone")
     if setup is not None and len(recording.parts) > 1:
         raise InputError(f"{recording.path}: a setup is of one head, and this recording has {len(recording.parts)}")
-    for part in recording.parts:
-        refuse_untimed(part)
     if isinstance(first, OneCamera):
         ground_camera = load_one_camera(camera, first.size) if isinstance(camera, Path) else camera
         if detections is not None:
             follower: ImageTracker = _box_tracker(recording.n_frames, first, detections, config, ground_camera)
         else:
             follower = _image_tracker(_that_fits(tracker, "image", recording), config, ground_camera)
+        refuse_untimed(recording)
         head = CameraHead(config.single_camera, first.size, follower, ground_camera)
         engine = Engine(recording, config, [head], follower)
         if study:
@@ -138,6 +137,7 @@ def engine_of(
 
 def _head_above_floor(part: Any, config: Config, matcher: Matcher | None, setup: Setup | None) -> Head:
     """What recorded a part of a recording, made ready."""
+    refuse_untimed(part)
     if isinstance(part.head, RecordedViews):
         return _recorded_head(part.path, part.head, config)
     return RigHead(setup or set_up(part, config, matcher), config, part.name)
