@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
 CONNECT_S = 10.0
 WORKERS_S = 60.0
-"""Time without any worker after which runs fail [s]."""
+"""Time to wait for the first worker of a cluster [s]."""
 LOCAL = {
     "distributed.scheduler.allowed-failures": 0,
     "distributed.scheduler.worker-saturation": 1.0,
-    "distributed.scheduler.no-workers-timeout": f"{WORKERS_S} s",
+    "distributed.scheduler.no-workers-timeout": "600 s",  # a process that died starts again, late under heavy load
     "distributed.worker.profile.enabled": False,
     # Without Dask's own limit of malloc, under which every image is new memory: a quarter of the time.
     "distributed.nanny.pre-spawn-environ": dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), 1),
