@@ -73,7 +73,7 @@ def score_real(tracks: Trajectories, truth: Trajectories, frames: I64) -> dict[s
     Returns:
         right_number: share of frames in which as many people are reported as show; those too hidden or cut off to judge
         (``visible`` 0 in the truth) may be reported or not. ids, people: confirmed ids, and people who show at any
-        time.
+        time. judged, positions: rows of the truth of people who show, and all.
     """
     confirmed = tracks.where(np.isin(tracks.frame, frames) & (tracks.state == "confirmed"))
     shown = truth.where(~(truth.visible <= 0))
@@ -83,6 +83,8 @@ def score_real(tracks: Trajectories, truth: Trajectories, frames: I64) -> dict[s
         "right_number": float(((found >= least) & (found <= most)).mean()),
         "ids": len(np.unique(confirmed.track_id)),
         "people": len(np.unique(shown.track_id)),
+        "judged": len(shown),
+        "positions": len(truth),
     }
 
 

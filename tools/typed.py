@@ -56,10 +56,8 @@ CAMERA = r"([\d.]+) m above the floor, tilt ([\d.]+) deg"
 CHECKS = r"found: (\d+) checks"
 COUNTED = r"(\w+) people cross the line inwards and (\w+)\s+outwards, and the zone has (\w+) entries"
 ENTRIES = r"(?s)in (\d+), out (\d+).*entries (\d+)"
-FEW = r"position ([\d.]+) cm, height ([\d.]+) cm \| `make demo`"
 CLAIMS = [
     Claim("README.md", SCORES, EVALUATED, SCORES),
-    Claim("README.md", FEW, EVALUATED, r"position error ([\d.]+) cm, height error ([\d.]+) cm"),
     Claim("README.md", CAMERA, WHOLE, CAMERA),
     Claim("docs/results.md", r"\| ([\d.]+); ([\d.]+); \d+ \| - \| `make", EVALUATED, r"MOTA ([\d.]+), IDF1 ([\d.]+)"),
     Claim("docs/tutorial.md", r"clip ([\d.]+) m and ([\d.]+) degrees", WHOLE, CAMERA),

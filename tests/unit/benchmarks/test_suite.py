@@ -82,7 +82,7 @@ def test_doubtful_people_are_neither_asked_for_nor_wrong_and_only_judged_frames_
     tracks = table((0, 7, 0.0, 1), (1, 7, 0.1, 1), (2, 7, 0.1, 1), (2, 8, 3.0, 1), (3, 7, 0.0, 1))
     score = score_real(tracks, truth, np.arange(4))
     # Right in frames 0 to 2, in the last of which the doubtful one is found; nobody is there in frame 3.
-    assert score == {"right_number": 0.75, "ids": 2, "people": 1}
+    assert score == {"right_number": 0.75, "ids": 2, "people": 1, "judged": 3, "positions": 5}
     score = score_real(table((0, 7, 0.0, 1), (5, 9, 3.0, 1)), table((0, 1, 0.0, 1)), np.array([0]))
     assert (score["right_number"], score["ids"]) == (1.0, 1)
 
