@@ -1,0 +1,97 @@
+"""The rerun viewer as a process of its own: a window, or a page that a browser on this machine opens."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from calib.errors import WorkError
+from calib.io import reason
+
+PORT, WEB_PORT = 9876, 9090
+"""Where rerun's programs look for data and for the page."""
+
+
+class Viewer:
+    """A running viewer, which listens on 127.0.0.1 only and sends no usage statistics.
+
+    Attributes:
+        data: address that frames are sent to.
+        page: address for a browser; "" when the viewer is a window.
+
+    Args:
+        recordings: files to show.
+        web: serve a page instead of opening a window.
+        port: of the data.
+        web_port: of the page.
+    Raises:
+        WorkError: the viewer cannot be started.
+    """
+
+    def __init__(
+        self, recordings: Sequence[Path] = (), *, web: bool = False, port: int = PORT, web_port: int = WEB_PORT
+    ) -> None:
+        program = Path(sysconfig.get_path("scripts")) / "rerun"
+        command = [str(program), "--bind", "127.0.0.1", "--port", str(port)]
+        self.data, self.page = f"rerun+http://127.0.0.1:{port}/proxy", ""
+        if web:
+            command += ["--serve-web", "--web-viewer-port", str(web_port), "--server-memory-limit", "75%"]
+            self.page = f"http://127.0.0.1:{web_port}/?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{port}%2Fproxy"
+        elif not recordings:
+            command += ["--expect-data-soon"]
+        try:
+            self._process = subprocess.Popen(
+                [*command, *map(str, recordings)], env=quiet_environment(), start_new_session=True
+            )
+        except OSError as error:
+            raise WorkError(f"the rerun viewer cannot be started ({reason(error)}); is rerun-sdk installed?") from error
+
+    def wait(self) -> None:
+        """Wait until the user closes the viewer; whatever ends the wait, it and the processes that it started end, too.
+
+        Raises WorkError: the viewer failed.
+        """
+        try:
+            status = self._process.wait()
+        finally:
+            self.close()
+        if status != 0:
+            hint = "is the port free?" if self.page else "it needs a display and a graphics driver; a page needs none"
+            raise WorkError(f"the rerun viewer ended with status {status} ({hint})")
+
+    def close(self) -> None:
+        """End the viewer and the processes that it started."""
+        with suppress(OSError):
+            os.killpg(self._process.pid, signal.SIGTERM)
+        self._process.wait()
+
+
+def live_viewer() -> Viewer:
+    """A viewer for frames as they are tracked: a window where there is a display, else a page; on free ports."""
+    return Viewer(web=not has_display(), port=free_port(PORT), web_port=free_port(WEB_PORT))
+
+
+def has_display() -> bool:
+    """Whether a window can be opened here."""
+    return sys.platform in ("darwin", "win32") or any(os.environ.get(k) for k in ("DISPLAY", "WAYLAND_DISPLAY"))
+
+
+def free_port(usual: int) -> int:
+    """The usual port on 127.0.0.1, or a free one where another program listens on it."""
+    for port in (usual, 0):
+        with socket.socket() as probe, suppress(OSError):
+            probe.bind(("127.0.0.1", port))
+            return int(probe.getsockname()[1])
+    raise WorkError("no free port on 127.0.0.1")
+
+
+def quiet_environment() -> dict[str, str]:
+    """Variables under which rerun's programs send no usage statistics: they send none where ``CI`` is set."""
+    return {**{k: v for k, v in os.environ.items() if k != "FORCE_RERUN_ANALYTICS"}, "CI": "1"}
