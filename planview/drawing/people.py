@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from calib.errors import InputError
 from calib.floor_camera import FloorCamera
 from calib.images import as_colour
-from calib.types import F64, I32, U8
+from calib.types import F64, I32, U8, AnyArray
 from planview.drawing.style import TRIPWIRE, TRUTH, ZONE, Labels, Rgb, as_bgr
 from planview.trajectories.plot import person_rgb
 from planview.trajectories.state import TrackState
@@ -95,6 +95,14 @@ class PlanBounds:
     y_min_m: float
     x_max_m: float
     y_max_m: float
+
+
+def from_above(image: U8, camera: FloorCamera, x_m: AnyArray, y_m: AnyArray) -> U8:
+    """What an image shows at places of the floor: (H, W, 3) uint8 for (H, W) places [m]; black outside of the image."""
+    places = np.stack([x_m, y_m, np.zeros_like(x_m)], axis=-1)
+    columns, rows = np.moveaxis(np.nan_to_num(camera.project(places), nan=-1.0).astype(np.float32), -1, 0)
+    shown = cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    return np.asarray(shown, dtype=np.uint8)
 
 
 def bounds_of(*places_m: F64) -> PlanBounds:

@@ -9,16 +9,34 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from calib.errors import InputError
+from calib.images import as_colour
+from calib.types import U8
+from planview.drawing.people import from_above
 from planview.output.folder import writing
-from planview.trajectories.plot import INK, TRUTH_COLOUR, Colouring, plot_counts, plot_paths, plot_speed, plot_truth
+from planview.output.render import frames_or_none
+from planview.output.run_folder import RunFolder
+from planview.trajectories.plot import (
+    INK,
+    TRUTH_COLOUR,
+    Colouring,
+    plot_counts,
+    plot_density,
+    plot_flow,
+    plot_paths,
+    plot_speed,
+    plot_truth,
+)
 from planview.trajectories.table import Trajectories
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Panel = Literal["paths", "speed", "counts"]
-PANELS: tuple[Panel, ...] = ("paths", "speed", "counts")
+Panel = Literal["paths", "density", "flow", "speed", "count"]
+PANELS: tuple[Panel, ...] = ("paths", "speed", "count")
+"""What is drawn where nothing else is chosen."""
+FROM_ABOVE: dict[Panel, str] = {"paths": "Seen from above", "density": "Density", "flow": "Flow"}
+OVER_TIME: dict[Panel, str] = {"speed": "Walking speed", "count": "People"}
 RUN_COLOURS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#e377c2", "#8c564b")
 """Of several runs, in turn."""
 BLUE = "#1f4e9c"
@@ -34,16 +52,45 @@ class NamedTracks(NamedTuple):
     tracks: Trajectories
 
 
+class FloorPicture(NamedTuple):
+    """(H, W, 3) uint8 RGB of the floor from above, row 0 at its lowest y, and its x from, to, y from, to [m]."""
+
+    image: U8
+    extent_m: tuple[float, float, float, float]
+
+
+PIXEL_M = 0.02
+"""Of a picture of the floor [m]."""
+
+
+def floor_picture(run: RunFolder) -> FloorPicture | None:
+    """The floor where people were, as the first frame of a run shows it; None without its recording or a camera."""
+    if not run.has_run or run.camera is None or (frames := frames_or_none(run, lambda _: None)) is None:
+        return None
+    bounds = run.bounds()
+    x, y = np.arange(bounds.x_min_m, bounds.x_max_m, PIXEL_M), np.arange(bounds.y_min_m, bounds.y_max_m, PIXEL_M)
+    for _, image in frames.at([run.info.first_frame]):
+        rgb = np.ascontiguousarray(as_colour(image)[..., ::-1])
+        shown = from_above(rgb, run.camera, *np.meshgrid(x, y))
+        pale = np.where(shown.any(axis=2, keepdims=True), 128 + shown // 2, 255)
+        extent_m = bounds.x_min_m, bounds.x_max_m, bounds.y_min_m, bounds.y_max_m
+        return FloorPicture(np.asarray(pale, np.uint8), extent_m)
+    return None
+
+
 def figure_of(
     runs: Sequence[NamedTracks], truth: Trajectories | None = None, colour: Colouring = "id",
-    panels: Sequence[Panel] = PANELS,
+    panels: Sequence[Panel] = PANELS, floor: FloorPicture | None = None,
 ) -> Figure:  # fmt: skip
-    """A matplotlib figure of one run coloured by ``colour``, or of several in a colour each. Raises InputError: more
-    runs than colours, runs in metres and in pixels, or tracks without any place."""
+    """A matplotlib figure of one run coloured by ``colour``, or of several in a colour each, over a picture of the
+    floor. Raises InputError: more runs than colours, runs in metres and in pixels, tracks without any place, or density
+    or flow of several runs."""
     if len(runs) > len(RUN_COLOURS):
         raise InputError(f"at most {len(RUN_COLOURS)} runs can be told apart in one plot, found {len(runs)}")
     if len({bool(np.isfinite(run.tracks.x_m).any()) for run in runs if len(run.tracks)}) > 1:
         raise InputError("some of the runs are in metres and some in pixels; plot them one by one")
+    if len(runs) > 1 and (alone := {"density", "flow"}.intersection(panels)):
+        raise InputError(f"{' and '.join(sorted(alone))} of several runs cannot be told apart in one plot")
     figure, places = _arranged(panels, _shape(runs))
     for n, (name, tracks) in enumerate((name, tracks.to_dataframe()) for name, tracks in runs):
         own = RUN_COLOURS[n] if len(runs) > 1 else None
@@ -51,16 +98,23 @@ def figure_of(
             # Of runs that lie over each other the first is the widest.
             width = max(1.0, 3.2 - 1.6 * n) if own else 1.6
             plot_paths(tracks, axes, colour=own or colour, label=name, width=width)
+        if axes := places.get("density"):
+            plot_density(tracks, axes)
+        if axes := places.get("flow"):
+            plot_flow(tracks, axes)
         if axes := places.get("speed"):
             plot_speed(tracks, axes, colour=own or ("id" if colour == "id" else BLUE), label=name if own else "")
-        if axes := places.get("counts"):
+        if axes := places.get("count"):
             plot_counts(tracks, axes, colour=own or BLUE, label=name if own else "tracked")
     if truth is not None:
         if axes := places.get("paths"):
             plot_truth(truth.to_dataframe(), axes)
-        if axes := places.get("counts"):
+        if axes := places.get("count"):
             clock = runs[0].tracks.to_dataframe()
             plot_counts(truth.to_dataframe(), axes, colour=TRUTH_COLOUR, label="truth", style="--", clock=clock)
+    for panel in FROM_ABOVE:
+        if floor is not None and (axes := places.get(panel)):
+            axes.imshow(floor.image, extent=floor.extent_m, origin="lower", zorder=0)
     _legends(figure, places, runs, colour)
     return figure
 
@@ -82,25 +136,27 @@ def _shape(runs: Sequence[NamedTracks]) -> float:
 
 
 def _arranged(panels: Sequence[Panel], shape: float) -> tuple[Figure, dict[Panel, Axes]]:
-    """The floor large, and curves to the right of it; below it where it is wide."""
+    """The floor large, and curves to the right of it; below it where it is wide, or drawn more than once."""
     from matplotlib.figure import Figure
 
-    curves: list[Any] = [panel for panel in PANELS if panel in panels and panel != "paths"]
+    plans: list[Any] = [panel for panel in FROM_ABOVE if panel in panels]
+    curves: list[Any] = [panel for panel in OVER_TIME if panel in panels]
     layout: list[Any]
     ratios: dict[str, Any] = {}
-    if "paths" not in panels:
+    if not plans:
         layout, size = [[curve] for curve in curves], (9.0, 3.0 * len(curves))
     elif not curves:
-        layout, size = [["paths"]], (min(max(6.0 * shape, 4.5), 12.0) + 1, 6.5)
-    elif shape > WIDE:
-        depth = min(max(10.5 / shape, 2.0), 5.0) + 1.0
-        layout, size, ratios = [["paths"] * len(curves), curves], (11.0, depth + 3.2), {"height_ratios": (depth, 3.0)}
+        layout, size = [plans], (len(plans) * (min(max(6.0 * shape, 4.5), 12.0 / len(plans)) + 1), 6.5)
+    elif shape > WIDE or len(plans) > 1:
+        depth = min(max(10.5 / (shape * len(plans)), 2.0), 5.0) + 1.0
+        above, below = ([each for each in row for _ in other] for row, other in ((plans, curves), (curves, plans)))
+        layout, size, ratios = [above, below], (11.0, depth + 3.2), {"height_ratios": (depth, 3.0)}
     else:
         width = max(5.0 * shape, 3.5) + 1.0
-        layout, size = [["paths", curve] for curve in curves], (width + 5.5, 6.5)
+        layout, size = [[*plans, curve] for curve in curves], (width + 5.5, 6.5)
         ratios = {"width_ratios": (width, 5.5)}
     figure = Figure(figsize=size, layout="constrained")
-    places = figure.subplot_mosaic(layout, sharex="paths" not in panels, **ratios)
+    places = figure.subplot_mosaic(layout, sharex=not plans, **ratios)
     for curve in curves[1:]:
         places[curve].sharex(places[curves[0]])
     return figure, places
@@ -108,7 +164,7 @@ def _arranged(panels: Sequence[Panel], shape: float) -> tuple[Figure, dict[Panel
 
 def _legends(figure: Figure, places: dict[Panel, Axes], runs: Sequence[NamedTracks], colour: Colouring) -> None:
     on_floor = any(np.isfinite(run.tracks.x_m).any() for run in runs)
-    titles = {"paths": "Seen from above" if on_floor else "In the image", "speed": "Walking speed", "counts": "People"}
+    titles = FROM_ABOVE | OVER_TIME | ({} if on_floor else {"paths": "In the image"})
     for panel, axes in places.items():
         axes.set_title(titles[panel], loc="left", fontsize=10, color=INK)
         is_plan = panel == "paths"

@@ -14,7 +14,7 @@ import rerun.blueprint as rrb
 from calib.floor_camera import FloorCamera
 from calib.images import as_colour, encode_image
 from calib.types import F32, U8, Bool
-from planview.drawing.people import PlanBounds, facing_arrow
+from planview.drawing.people import PlanBounds, facing_arrow, from_above
 from planview.drawing.style import disparity_colours
 from planview.engine.engine import Engine, FrameResult
 from planview.maps.grid import FloorRig
@@ -129,9 +129,7 @@ def floor_image(image: U8, stereo: FloorRig) -> rr.GridMap:
     grid = stereo.grid
     rows, cols = np.indices(grid.shape)
     x, y = grid.centre_of(0, 0)
-    places = np.stack([x + cols * grid.cell_m, y + rows * grid.cell_m, np.zeros(grid.shape)], axis=-1)
-    pixels = np.nan_to_num(stereo.camera.project(places), nan=-1.0).astype(np.float32)
-    shown = cv2.remap(_rgb(image), pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    shown = from_above(_rgb(image), stereo.camera, x + cols * grid.cell_m, y + rows * grid.cell_m)
     # The image on the floor is darkened by this, so that the maps on it stand out.
     dimmed = np.asarray(shown * 0.55, dtype=np.uint8)
     return _grid_map(dimmed, np.asarray(dimmed.any(axis=2)), stereo, UNDER)

@@ -16,6 +16,7 @@ from planview.trajectories.state import State
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
     from pandas import DataFrame
 
 Colouring = Literal["id", "time"]
@@ -82,10 +83,70 @@ def plot_paths(
     if len(longest) > len(chosen) > 0:
         axes.plot([], [], color=FAINT, lw=1.6, label=f"{len(longest) - len(chosen)} more")
     if colour == "time" and len(longest):
-        bar = axes.figure.colorbar(axes.collections[0], ax=axes, shrink=0.7, pad=0.02, label="time [s]")
-        bar.outline.set_visible(False)
-        _styled(bar.ax).grid(False)
+        _add_bar(axes, axes.collections[0], "time [s]")
     return _floor_axes(axes, unit)
+
+
+DENSITY_CELL_M, DENSITY_BLUR_M, FLOW_CELL_M = 0.1, 0.3, 0.5
+"""Cells of densities and of flows, and the deviation of the Gaussian that stands for a person's room [m]."""
+
+
+def plot_density(rows: DataFrame, axes: Axes) -> Axes:
+    """Draw the mean number of people per square metre over time, seen from above. Raises InputError: no positions on
+    the floor."""
+    from scipy.ndimage import gaussian_filter
+
+    shown, x, y = _on_floor(rows, DENSITY_CELL_M)
+    people, _, _ = np.histogram2d(shown["u"], shown["v"], bins=[x, y])
+    density = gaussian_filter(people, DENSITY_BLUR_M / DENSITY_CELL_M) / (_frames(rows) * DENSITY_CELL_M**2)
+    shades = axes.pcolormesh(x, y, np.ma.masked_less(density.T, 0.04 * density.max()), cmap="inferno", alpha=0.75)
+    _add_bar(axes, shades, "people per m²")
+    return _floor_axes(axes, "m")
+
+
+def plot_flow(rows: DataFrame, axes: Axes) -> Axes:
+    """Draw the specific flow seen from above: density times mean velocity, in people per metre and second, as arrows.
+    Raises InputError: no positions on the floor."""
+    shown, x, y = _on_floor(rows, FLOW_CELL_M)
+    velocities = shown[["vx_mps", "vy_mps"]]
+    if velocities.isna().all(axis=None):  # a table of places alone
+        by_person = shown.groupby("id")
+        velocities = by_person[["u", "v"]].diff().div(by_person["time_s"].diff(), axis=0)
+    sums = [
+        np.histogram2d(shown["u"], shown["v"], bins=[x, y], weights=np.nan_to_num(velocities[name].to_numpy()))[0]
+        for name in velocities
+    ]
+    u, v = (each.T / (_frames(rows) * FLOW_CELL_M**2) for each in sums)
+    flow, middle = np.hypot(u, v), FLOW_CELL_M / 2
+    shows = flow > 0.02 * flow.max()
+    places = [axis[shows] for axis in np.meshgrid(x[:-1] + middle, y[:-1] + middle)]
+    along = np.stack([u[shows], v[shows]]) / np.maximum(flow[shows], 1e-9)
+    arrows = axes.quiver(*places, *along, flow[shows], cmap="viridis", pivot="mid", scale=2.5, scale_units="x")
+    _add_bar(axes, arrows, "people per metre and second")
+    return _floor_axes(axes, "m")
+
+
+def _on_floor(rows: DataFrame, cell_m: float) -> tuple[DataFrame, F64, F64]:
+    """Confirmed rows on the floor, and the edges of cells around them [m]."""
+    placed, unit = _placed(rows)
+    shown = _of_people(placed)
+    shown = shown[shown["state"] == "confirmed"]
+    if unit != "m" or shown.empty:
+        raise InputError("expected trajectories on the floor, found none")
+    low, high = shown[["u", "v"]].min() - 1.0, shown[["u", "v"]].max() + 1.0
+    x, y = (np.arange(low[name], high[name] + cell_m, cell_m) for name in ("u", "v"))
+    return shown, x, y
+
+
+def _frames(rows: DataFrame) -> int:
+    """Number of frames from the first row to the last."""
+    return int(np.ptp(rows["frame"])) // _frame_step(rows["frame"].to_numpy()) + 1
+
+
+def _add_bar(axes: Axes, shades: ScalarMappable, label: str) -> None:
+    bar = axes.figure.colorbar(shades, ax=axes, shrink=0.7, pad=0.02, label=label)
+    bar.outline.set_visible(False)
+    _styled(bar.ax).grid(False)
 
 
 def plot_truth(rows: DataFrame, axes: Axes) -> None:

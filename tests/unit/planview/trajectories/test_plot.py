@@ -9,7 +9,16 @@ from matplotlib.figure import Figure
 from calib.errors import InputError
 from planview.cli import main
 from planview.output.plot import NamedTracks, figure_of
-from planview.trajectories.plot import NAMED_MAX, plot_counts, plot_paths, plot_speed, times_of
+from planview.trajectories.plot import (
+    DENSITY_CELL_M,
+    NAMED_MAX,
+    plot_counts,
+    plot_density,
+    plot_flow,
+    plot_paths,
+    plot_speed,
+    times_of,
+)
 from planview.trajectories.table import Trajectories, positions_table, write_table
 
 
@@ -63,6 +72,23 @@ def test_counts_are_people_in_every_frame() -> None:
     table = walkers(people=2).to_dataframe()
     line = plot_counts(table[(table.id == 1) | (table.frame < 30)], axes()).get_lines()[0]
     assert list(line.get_ydata())[:31:30] == [2, 1] and list(line.get_ydata())[-1] == 0
+
+
+def test_density_of_a_person_who_is_always_there_adds_up_to_one() -> None:
+    mesh = plot_density(walkers(people=2).to_dataframe(), axes()).collections[0]
+    assert np.ma.getdata(mesh.get_array()).sum() * DENSITY_CELL_M**2 == pytest.approx(2.0, abs=0.02)
+
+
+def test_flow_is_density_times_velocity_the_way_people_walk() -> None:
+    arrows = plot_flow(walkers(frames=100).to_dataframe(), axes()).collections[0]
+    # A person is in one of ten cells for a tenth of the time: 0.1 / 0.25 m² x 1.5 m/s.
+    assert arrows.get_array().max() == pytest.approx(0.6, rel=0.15)
+    assert pytest.approx(0.0, abs=1e-9) == arrows.U and (arrows.V > 0.99).all()
+
+
+def test_density_of_several_runs_is_refused() -> None:
+    with pytest.raises(InputError, match="density of several runs"):
+        figure_of([NamedTracks("a", walkers()), NamedTracks("b", walkers())], panels=["density"])
 
 
 def test_frames_without_rows_have_the_times_between_their_neighbours_and_beyond() -> None:
