@@ -17,12 +17,12 @@ from benchmarks.random_scenes.generator import random_scene
 from benchmarks.random_scenes.tables import RandomScene
 from benchmarks.real import SingleTracker
 from calib.errors import InputError
+from planview.api.run import run
 from planview.counting.rules import RulePlane, Rules, load_rules, parse_rules
 from planview.counting.totals import Clock, CountScores, CrossingScores, count_tracks, count_truth, score_counts
 from planview.engine.config import Config
 from planview.engine.engine import Engine
 from planview.engine.open import open_engine
-from planview.output.script import run
 from planview.synthetic.assets import SCENES
 from planview.synthetic.scene import Scene, load_scene
 from planview.trajectories.table import Trajectories, read_truth
@@ -107,7 +107,7 @@ class Scorer:
         engine = open_engine(recording, tracker, self.config, camera)
         if engine.stereo is not None:
             raise InputError(f"{recording}: expected the recording of a single camera, found a stereo pair")
-        return engine, run(engine, self.out / name, overwrite=True)
+        return engine, run(engine, out=self.out / name, overwrite=True, quiet=True)
 
     def scene(
         self, scene: Scene, name: str, tracker: SingleTracker, rules_on: Callable[[RulePlane], Rules]

@@ -20,12 +20,12 @@ from benchmarks.passes import FACING, bench_engine
 from calib.errors import InputError
 from calib.ground_camera import load_ground_camera, save_ground_camera
 from calib.types import I64, AnyArray
+from planview.api.run import run
 from planview.engine.config import Config, load_config
 from planview.engine.engine import Trackable
 from planview.engine.open import base_config
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import Evaluation
-from planview.output.script import run
 from planview.synthetic.assets import real_recordings
 from planview.trajectories.formats import load_truth
 from planview.trajectories.table import Trajectories, positions_table, read_truth
@@ -120,7 +120,7 @@ def real(*, options: RealOptions | None = None) -> None:
         for tracker in dict.fromkeys((*o.tracker, BASELINE)):
             progress(f"{folder.name}: {tracker}")
             engine = bench_engine(folder, tracker, load_config(None, o.set_, base_config(folder)))
-            tracks = run(engine)
+            tracks = run(engine, quiet=True)
             judged = np.unique(truth.frame)
             if (folder / "truth.csv").is_file():  # frames without a row are empty
                 judged = np.arange(max(engine.recording.n_frames, int(judged.max()) + 1))
@@ -199,7 +199,7 @@ def _score_run(tracker: SingleTracker, folder: Path, camera: Path | None, frames
     truth = load_truth(folder / "gt.txt")
     tracked: list[int] = []
     tracks = run(
-        folder / "view001.mp4", tracker=tracker, config=Config(seed=seed), camera=camera, frames=frames or 0,
+        folder / "view001.mp4", tracker=tracker, config=Config(seed=seed), camera=camera, frames=frames,
         watch=lambda result: tracked.append(result.frame),
     )  # fmt: skip
     n = len(tracked)
@@ -364,7 +364,7 @@ def _score(
     engine = bench_engine(recording, tracker, Config(), camera)
     n = min(o.frames or engine.recording.n_frames, engine.recording.n_frames)
     engine.recording = Damaged(engine.recording, kind, length, [int(share * n) for share in o.at])
-    tracks = run(engine, frames=n)
+    tracks = run(engine, frames=n, quiet=True)
     params = EvaluationParams(match_on="boxes", fps=engine.recording.fps) if boxes else EvaluationParams()
     figures = evaluate_tracks(tracks, truth, params, (0, n - 1)).to_json()
     found = {"significant": figures["significant_errors"]["total"], "lasting": figures["strict_identity_changes"]}

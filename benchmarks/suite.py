@@ -91,7 +91,7 @@ def run_job(job: SuiteJob) -> dict[Way, SceneScore] | str:
 
 
 def refined_tracks(folder: Path) -> Trajectories:
-    """The tracks of a run refined as ``planview edit --refine`` does, in a copy of its folder."""
+    """The tracks of a run refined as ``planview refine`` does, in a copy of its folder."""
     with tempfile.TemporaryDirectory(prefix="planview-refine-") as temporary:
         copy = Path(shutil.copytree(folder, Path(temporary) / "run"))
         refine_run(copy)

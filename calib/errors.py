@@ -35,7 +35,7 @@ class InputError(_OneLineError):
 
     def __str__(self) -> str:
         """The sentence, about Python's arguments."""
-        return self.sentence(lambda argument: argument if argument.endswith("'") else f"{argument}=")
+        return self.sentence(lambda argument: argument if "=" in argument else f"{argument}=")
 
     def sentence(self, name: Callable[[str], str]) -> str:
         """The message with its arguments, which are called as ``name`` gives them."""

@@ -1,10 +1,10 @@
 """A head of one's own: a stereo pair that forgets what is farther away than some metres.
 
 A head measures depth, says what its pixels show, and keeps people from becoming background
-(``planview.engine.head.Head``). This one wraps the head of a pair and changes what it measures; a sensor of your own
+(``planview.Head``). This one wraps the head of a pair and changes what it measures; a sensor of your own
 would give its depth there. Whoever is farther away is still seen by colour, and followed with a less certain place.
 
-Run: python examples/own_head.py [RECORDING] [METRES]
+Run: python examples/own_head.py [RECORDING]
 """
 
 import sys
@@ -14,28 +14,26 @@ from typing import Any
 import numpy as np
 
 import planview
-from planview.engine.head import RigHead, StageClock
-from stereo.depth import Depth
 
 
-class NearHead(RigHead):
+class NearHead(planview.RigHead):
     """A pair without depth beyond ``far_m``."""
 
     def __init__(self, setup: Any, config: planview.Config, far_m: float) -> None:
         super().__init__(setup, config)
         self._least_px = setup.geometry.disparity_at(far_m)
 
-    def measure(self, shot: Any, clock: StageClock) -> Depth:
+    def measure(self, shot: Any, clock: planview.StageClock) -> planview.Depth:
         """The pair's depth; NaN, as where nothing was matched, for what is too far away."""
         depth = super().measure(shot, clock)
         near = np.where(depth.disparity >= self._least_px, depth.disparity, np.float32(np.nan))
         return replace(depth, disparity=near)
 
 
-def main(path: str = "data/synthetic/demo", far_m: float = 6.0, frames: int = 0) -> None:
+def main(path: str = "data/synthetic/demo", *, far_m: float = 6.0, frames: int = 0) -> None:
     """Track with the head of one's own and score against the recording's truth."""
     recording, config = planview.open_recording(path), planview.Config()
-    head = NearHead(planview.set_up(recording, config), config, float(far_m))
+    head = NearHead(planview.set_up(recording, config), config, far_m)
     engine = planview.Engine(recording, config, [head], planview.JointTracker(config.joint))
     rows = planview.TrajectoryCollector()
     for result in engine:
@@ -49,4 +47,4 @@ def main(path: str = "data/synthetic/demo", far_m: float = 6.0, frames: int = 0)
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:3])  # type: ignore[arg-type]
+    main(*sys.argv[1:2])

@@ -27,7 +27,7 @@ class BlockMatcher:
         return np.where(disparity > 0, disparity, np.float32(np.nan))
 
 
-def main(recording: str = "data/synthetic/demo", frames: int = 0) -> None:
+def main(recording: str = "data/synthetic/demo", *, frames: int | None = None) -> None:
     """Track with block matching and score against the recording's truth."""
     tracks = planview.run(recording, matcher=BlockMatcher(), frames=frames)
     last = int(tracks.frame.max()) if len(tracks) else 0

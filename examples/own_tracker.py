@@ -66,7 +66,7 @@ class NearestMaximum:
         return found
 
 
-def main(recording: str = "data/synthetic/demo", frames: int = 0) -> None:
+def main(recording: str = "data/synthetic/demo", *, frames: int | None = None) -> None:
     """Track with maxima only and score against the recording's truth."""
     tracks = planview.run(recording, tracker=NearestMaximum(), frames=frames)
     last = int(tracks.frame.max()) if len(tracks) else 0

@@ -12,7 +12,9 @@ from collections.abc import Sequence
 import planview
 
 
-def main(recording: str = "data/synthetic/demo", frames: int = 0, sizes_px: Sequence[int] = (240, 320, 640)) -> None:
+def main(
+    recording: str = "data/synthetic/demo", *, frames: int | None = None, sizes_px: Sequence[int] = (240, 320, 640)
+) -> None:
     """Print a CSV: longest side of the images that are matched, MOTA, mean position error."""
     print("working_px,mota,position_error_m")
     for size_px in sizes_px:

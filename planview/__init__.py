@@ -7,7 +7,7 @@ for result in planview.open_engine("data/synthetic/demo"):
     for person in result.tracks:
         print(result.timestamp_s, person.track_id, person.x_m, person.y_m)
 
-tracks = planview.run("data/synthetic/demo", "out")  # a whole run: tracks.csv, run.json, report.html
+tracks = planview.run("data/synthetic/demo", out="out")  # a whole run: tracks.csv, run.json, report.html
 print(tracks.to_dataframe().groupby("id").height_m.median())
 print(planview.evaluate(tracks, "data/synthetic/demo/truth.csv").mota)
 ```
@@ -48,7 +48,9 @@ def __getattr__(name: str) -> Any:
         return metadata.version("planview")
     if name not in _HOME_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(_HOME_OF[name]), name)
+    home = import_module(_HOME_OF[name])
+    # What is no name of a module is a module in a package.
+    value = getattr(home, name) if hasattr(home, name) else import_module(f"{home.__name__}.{name}")
     globals()[name] = value
     return value
 

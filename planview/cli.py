@@ -25,7 +25,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads of small matrices 
 COMMANDS = {
     "Start here": {
         "demo": ("run", "Track the clip that comes with the package and print its scores."),
-        "check": ("recordings", "Check a recording and its calibration: can I trust them?"),
+        "check": ("check", "Check a recording and its calibration: can I trust them?"),
         "run": ("run", "Track people in a recording."),
     },
     "Results": {
@@ -34,7 +34,8 @@ COMMANDS = {
         "render": ("results", "Draw a run as a video or a picture."),
         "plot": ("results", "Plot paths on the floor, speeds and counts of one or several runs."),
         "replay": ("run", "Track a run again with a parameter changed, and compare a frame."),
-        "edit": ("tracks", "Join, split, delete, rename and refine tracks; edits can be undone."),
+        "edit": ("tracks", "Join, split, delete and rename tracks; edits can be undone."),
+        "refine": ("tracks", "Join fragments and smooth paths, knowing the whole recording."),
         "count": ("scores", "Count line crossings and zone occupancy in tracks."),
         "evaluate": ("scores", "Score tracks against truth."),
         "export": ("tracks", "Write tracks in the format of another program."),
@@ -111,7 +112,8 @@ def _register(app: App, target: str, name: str, text: str, words: Sequence[str],
 def _help_of(target: str) -> dict[str, str]:
     """The docstring of a command, with its examples at the end, each on a line of its own."""
     module, name = target.split(":")
-    head = (inspect.getdoc(getattr(import_module(module), name)) or "").split("\nParameters\n")[0]
+    doc = inspect.getdoc(getattr(import_module(module), name)) or ""
+    head = re.split(r"\n(?:Args:|Parameters)\n", doc)[0]
     prose, lines = [], []
     for part in filter(None, head.split("\n\n")):
         if not part.startswith("Example"):

@@ -42,12 +42,15 @@ def outputs(source: str, names: dict[str, Any], number: int) -> list[dict[str, A
     found: list[dict[str, Any]] = []
     if printed.getvalue():
         found.append({"output_type": "stream", "name": "stdout", "text": printed.getvalue().splitlines(True)})
-    if value is not None:
+    figures = list(map(plt.figure, plt.get_fignums()))
+    if hasattr(value, "savefig"):
+        figures.append(value)
+    elif value is not None:
         data = {"text/plain": repr(value).splitlines(True)}
         if hasattr(value, "to_html"):
             data["text/html"] = value.to_html(border=0).splitlines(True)
         found.append({"output_type": "execute_result", "execution_count": number, "metadata": {}, "data": data})
-    for figure in map(plt.figure, plt.get_fignums()):
+    for figure in figures:
         png = io.BytesIO()
         figure.savefig(png, format="png", dpi=72, bbox_inches="tight")
         data = {"image/png": base64.b64encode(png.getvalue()).decode(), "text/plain": ["<Figure>"]}

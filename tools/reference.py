@@ -15,22 +15,80 @@ sys.path.insert(0, str(ROOT))
 
 import planview  # noqa: E402
 from calib.params import Params, described, tables_of  # noqa: E402
-from planview.commands.tools import inside  # noqa: E402
+from planview.api.tools import inside  # noqa: E402
 from planview.engine.config import Config  # noqa: E402
 
 GENERATED = "<!-- written by tools/reference.py from the code (make docs) -->\n"
 SOURCE = re.compile(r" \((?:Harville|Zhang|OpenCV|Hirschm|section|the paper|our choice|as alpha)[^()]*\)?")
 """Where a default is from, which ``planview params NAME`` prints."""
 GROUPS = {
-    "Run and score": ("output", "evaluation", "trajectories"),
+    "What the commands do": ("api",),
+    "Tracks and scores": ("evaluation", "trajectories"),
     "The engine and its stages": ("engine", "foreground", "maps", "tracking"),
     "Recordings and pairs": ("stereo",),
+    "Poses and errors": ("calib",),
 }
+"""Rooms of the names under each title."""
+EXAMPLES = {
+    "What the commands do": """Every command is a function of the same name with the same arguments:
+`planview run X --out Y --fps 15` is `planview.run("X", out="Y", fps=15)`.
+
+```python
+import planview
+
+print(planview.check("my_recording", quick=True))  # what it holds; without quick, can it be trusted?
+tracks = planview.run("my_recording", out="result", config={"foreground.beta": 4}, overwrite=True)
+planview.plot(tracks, truth="my_recording")  # a matplotlib figure
+planview.export(tracks, "pedpy", out="result/pedpy.txt", overwrite=True)
+```
+""",
+    "Tracks and scores": """```python
+import planview
+
+tracks = planview.read_tracks("out/tracks.csv")
+confirmed = tracks.to_dataframe().query("state == 'confirmed'")
+print(confirmed.groupby("id").height_m.median())
+print(planview.evaluate(tracks, "my_recording").to_json()["mota"])
+```
+""",
+    "The engine and its stages": """An engine gives everything about a frame: people, decisions, maps, disparity.
+
+```python
+from itertools import islice
+
+import planview
+
+for result in islice(planview.open_engine("my_recording"), 30):
+    print(result.frame, [(person.track_id, person.x_m, person.y_m) for person in result.tracks])
+```
+""",
+    "Recordings and pairs": """```python
+import planview
+
+recording = planview.open_recording("my_recording")
+rectifier = planview.Rectifier(recording.head.rig)
+matcher = planview.SgbmMatcher(rectifier.geometry)
+for frame in recording.at([0, 5]):
+    pair = rectifier(*frame.images)
+    print(frame.timestamp_s, matcher(pair.left_grey, pair.right_grey).shape)
+```
+""",
+    "Poses and errors": """```python
+import planview
+
+try:
+    planview.run("nowhere")
+except planview.InputError as error:  # bad input or wrong usage, in a sentence; WorkError: the work failed
+    print(error)
+```
+""",
+}
+"""What stands above the names of a group; tests/integration/test_documents.py runs it."""
 
 
 def main() -> int:
     """Write or check all pages; the number of pages that are not current."""
-    pages = {"parameters.md": run_page(), "api.md": api_page()}
+    pages = {"parameters.md": run_page(), "api.md": api_page(), "reference.md": reference_page()}
     stale = [name for name, text in pages.items() if _current(name) != text]
     if "--check" not in sys.argv:
         for name in stale:
@@ -111,33 +169,60 @@ person, and `result.point_cloud()` gives the points for open3d.
 
 
 def api_page() -> str:
-    """Every public name under its group, to be filled by mkdocstrings when the site is built."""
+    """Every public name in a table per group, with its first sentence, below an example."""
     parts = [
         GENERATED,
         "# From Python\n",
-        "`import planview` gives these names; each is imported when it is first used. Programs that run are in "
-        "`examples/` of the repository.\n",
-        OWN_DEPTH,
+        "`import planview` gives these names; each is imported when it is first used. Programs that run are in\n"
+        "`examples/` of the repository. `help(planview.run)` and the [reference](reference.md) of the site\n"
+        "(`make docs`) have arguments, results and errors.\n",
     ]
-    for group, rooms in GROUPS.items():
-        parts.append(f"## {group}\n")
-        parts += [_directive(module, name) for module, name in _public() if _room(module) in rooms]
+    for group, names in _grouped():
+        values = {name: getattr(planview, name) for _, name in names}
+        for module in [name for name, value in values.items() if inspect.ismodule(value)]:
+            home = values.pop(module)
+            values |= {f"{module}.{name}": getattr(home, name) for name in home.__all__}
+        rows = [f"| `{name}` | {_first_sentence(value)} |" for name, value in values.items()]
+        parts += [f"## {group}\n", EXAMPLES[group], "\n".join(["| name | what it is |", "|---|---|", *rows, ""])]
+    return "\n".join([*parts, OWN_DEPTH])
+
+
+def reference_page() -> str:
+    """Every public name under its group, to be filled by mkdocstrings when the site is built."""
+    parts = [
+        GENERATED,
+        "# Reference\n",
+        "Filled when the site is built (`make docs`); [From Python](api.md) has a table.\n",
+    ]
+    for group, names in _grouped():
+        parts += [f"## {group}\n", *(_directive(module, name) for module, name in names)]
     return "\n".join(parts)
 
 
-def _public() -> list[tuple[str, str]]:
+def _grouped() -> list[tuple[str, list[tuple[str, str]]]]:
     stub = (ROOT / "planview" / "__init__.pyi").read_text(encoding="utf-8")
     public = re.findall(r"^from (\S+) import (\w+)", stub, re.MULTILINE)
-    return sorted(public, key=lambda entry: entry[1] not in ("run", "evaluate", "open_engine"))
+    groups = [(group, [one for one in public if _room(one[0]) in rooms]) for group, rooms in GROUPS.items()]
+    if left := set(public) - {one for _, names in groups for one in names}:
+        raise ValueError(f"expected every public name in a group, found {sorted(left)}")
+    return groups
+
+
+def _first_sentence(value: object) -> str:
+    """The first sentence of a docstring, without what it raises."""
+    paragraph = " ".join((inspect.getdoc(value) or "").partition("\n\n")[0].split())
+    return _cell(re.split(r"(?<=[a-z\])`])(?<!e\.g)\.(?:\s|$)", paragraph)[0]).replace("|", r"\|")
 
 
 def _room(module: str) -> str:
-    first, second = module.split(".")[:2]
+    first, second = f"{module}.".split(".")[:2]
     return second if first == "planview" else first
 
 
 def _directive(module: str, name: str) -> str:
     value = getattr(planview, name)
+    if inspect.ismodule(value):
+        return f"::: {value.__name__}\n    options: {{members: true}}\n"
     home = getattr(value, "__module__", module) if isinstance(value, type) or inspect.isfunction(value) else module
     return f"::: {home}.{name}\n"
 

@@ -12,7 +12,8 @@ from cyclopts import Parameter
 
 from calib.errors import InputError, WorkError, printable
 from calib.io import parse_toml
-from planview.commands.options import JsonFlag, plural, say
+from planview.commands.options import plural, say
+from planview.commands.shell import Flag
 from planview.output.progress import PlainConsole
 from planview.sweep.results import JobResult, Ranked, why_no_intervals
 from planview.sweep.study import FIGURES, FigureName, RecordingEntry, Space, Study, load_study
@@ -39,7 +40,7 @@ class SweepOptions:
     """Runs at the same time, each in a process of its own on one core."""
     cluster: str | None = None
     """Address of a Dask scheduler (tcp://HOST:PORT) whose workers share this file system, instead of processes here."""
-    json_output: JsonFlag = False
+    json: Annotated[Flag, Parameter(help="Print one JSON object to standard output.")] = False
 
 
 def sweep(
@@ -72,7 +73,7 @@ def sweep(
         raise InputError(f"--jobs: expected 1 or more, found {options.jobs}")
     runs, ranking = run_study(study, names, out, workers(options.jobs, options.cluster), console)
     failed = [run for run in runs if run.error]
-    if options.json_output:
+    if options.json:
         found = {"out": str(out), "objective": study.objective, "failed": len(failed)}
         found |= {"runs": [run.to_json() for run in runs], "ranking": [row.to_json() for row in ranking]}
         print(json.dumps(found | {"no_intervals": why_no_intervals(runs) or None}))

@@ -88,12 +88,12 @@ def load_config(path: Path | str | None = None, overrides: Sequence[str] = (), b
     return _validate(tables, "", base, "overrides")
 
 
-def config_of(tables: Mapping[str, Any], source: str = "", argument: str = "") -> Config:
-    """A configuration from its tables, as ``run.json`` has them. Raises InputError: tables of another version;
-    ``source``, a file, or the argument begins the sentence."""
+def config_of(tables: Mapping[str, Any], source: str = "", argument: str = "", base: Config | None = None) -> Config:
+    """A configuration from its tables, as ``run.json`` has them, over the base (the defaults when None). Raises
+    InputError: tables of another version; ``source``, a file, or the argument begins the sentence."""
     if not isinstance(tables, Mapping):
         raise InputError(f"expected a table per stage, found {type(tables).__name__}", argument=argument)
-    return _validate(dict(tables), source, None, argument)
+    return _validate(dict(tables), source, base, argument)
 
 
 def _apply(tables: dict[str, Any], override: str) -> None:

@@ -268,6 +268,6 @@ def _checked(table: Trajectories, on_floor: bool, what: str) -> Trajectories:
     good = _usable(table, on_floor)
     if len(table) and not good.any():
         need = "floor positions" if on_floor else "image boxes"
-        remedy = "match_on='boxes'" if on_floor and _usable(table, False).any() else ""
+        remedy = "boxes=True" if on_floor and _usable(table, False).any() else ""
         raise InputError(f"expected {what} with {need} to match on, found none", remedy=remedy)
     return table.where(good)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence as Items
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, get_args
@@ -162,6 +162,7 @@ class Evaluation:
         alignment: the motion applied to the tracks; None without ``align``.
         left_out_frames: frames with confirmed tracks between those that a truth of only some frames has.
         unplaced_rows: truth rows and confirmed rows without what they are matched on, which are left out.
+        recordings: scores of each of several recordings, by name; empty for one.
     """
 
     sequence: Sequence
@@ -182,6 +183,7 @@ class Evaluation:
     explanation: str = ""
     left_out_frames: int = 0
     unplaced_rows: int = 0
+    recordings: dict[str, Evaluation] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"Evaluation({self.headline})"
@@ -190,12 +192,10 @@ class Evaluation:
     def headline(self) -> str:
         """The figures that matter most, in one line."""
         people = self.sequence.n_truth
-        hidden = (
-            "" if self.sequence.truth_rows or not self.ignored_rows else f" (all {self.ignored_rows:,} rows hidden)"
-        )
-        parts = [
-            f"{people} {'person' if people == 1 else 'people'} in the truth{hidden}, {self.tracked_people} tracked"
-        ]
+        all_hidden = self.ignored_rows and not self.sequence.truth_rows
+        hidden = f" (all {self.ignored_rows:,} rows hidden)" if all_hidden else ""
+        noun = "person" if people == 1 else "people"
+        parts = [f"{people} {noun} in the truth{hidden}, {self.tracked_people} tracked"]
         for name, value in (("MOTA", self.mota), ("IDF1", self.idf1)):
             parts += [f"{name} {value:.3f}"] if value is not None else []
         for name, mean_m in (("position", self.position_error_mean_m), ("height", self.height_error_mean_m)):

@@ -83,7 +83,7 @@ class RunInfo(InfoPart):
     config: dict[str, JsonValue] = Field(default_factory=dict)
     """The full effective configuration, a table per stage."""
     refined: bool = False
-    """tracks.csv was refined after the run (``planview edit --refine``); tracks_online.csv holds the online tracks."""
+    """tracks.csv was refined after the run (``planview refine``); tracks_online.csv holds the online tracks."""
     frames_read: int = 0
     frames_skipped: int = 0
     skipped: list[SkippedFrame] = Field(default_factory=list)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -156,10 +158,18 @@ def _arranged(panels: Sequence[Panel], shape: float) -> tuple[Figure, dict[Panel
         layout, size = [[*plans, curve] for curve in curves], (width + 5.5, 6.5)
         ratios = {"width_ratios": (width, 5.5)}
     figure = Figure(figsize=size, layout="constrained")
+    # Notebooks show by themselves the figures of pyplot only.
+    figure._repr_png_ = partial(_png, figure)  # type: ignore[attr-defined]
     places = figure.subplot_mosaic(layout, sharex=not plans, **ratios)
     for curve in curves[1:]:
         places[curve].sharex(places[curves[0]])
     return figure, places
+
+
+def _png(figure: Figure) -> bytes:
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=72)
+    return file.getvalue()
 
 
 def _legends(figure: Figure, places: dict[Panel, Axes], runs: Sequence[NamedTracks], colour: Colouring) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
@@ -24,8 +25,10 @@ class PlainConsole(Console):
     """Console that shows control characters, since a folder's name may hold escape codes; no markup unless asked, and
     no emoji for what stands between colons."""
 
-    def __init__(self, *, markup: bool = False, **options: Any) -> None:
-        super().__init__(markup=markup, emoji=False, **options)
+    def __init__(self, *, markup: bool = False, quiet: bool = False, **options: Any) -> None:
+        if quiet:  # a notebook would show an empty widget
+            options["force_jupyter"] = False
+        super().__init__(markup=markup, emoji=False, quiet=quiet, **options)
 
     def render_str(self, text: str, **options: Any) -> Text:
         return super().render_str(printable(text), **options)
@@ -98,3 +101,11 @@ def summary(console: Console, info: RunInfo, folder: Path) -> None:
     for warning in info.warnings:
         table.add_row("warning", warning.text)
     console.print(table)
+
+
+def as_text(renderable: RenderableType) -> str:
+    """What a console would print, as plain text for ``repr``, also in a notebook."""
+    file = io.StringIO()
+    plain: dict[str, Any] = {"force_jupyter": False, "force_terminal": False, "color_system": None}
+    PlainConsole(file=file, width=120, highlight=False, **plain).print(renderable)
+    return file.getvalue().rstrip()

@@ -166,8 +166,8 @@ def test_points_in_metres_give_their_plane_and_in_pixels_lie_on_the_floor_by_the
     [
         (["--frames", "0"], "--frames: expected 1 to 1000, found 0"),
         (["--points", "1,2", "3,4"], "--points: expected three or more, found 2"),
-        (["--points", "1,2", "3,4", "5,6", "--tracks", "t.csv"], "--points and --tracks cannot be combined"),
-        (["--out", "w.toml", "--save"], "--out and --save cannot be combined"),
+        (["--points", "1,2", "3,4", "5,6", "--tracks", "t.csv"], "points and tracks cannot be combined"),
+        (["--out", "w.toml", "--save"], "out and save cannot be combined"),
         (["--points", "10,10", "900,10", "50,90", "--frames", "1"], "expected pixels inside 320x240"),
         (["--tracks", "none.csv", "--frames", "1"], "none.csv"),
         (["--picture", "floor.txt", "--frames", "1"], "floor.txt: expected a picture's name"),

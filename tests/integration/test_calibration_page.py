@@ -19,8 +19,8 @@ from calib.errors import InputError
 from calib.ground_camera import GroundCamera, load_ground_camera
 from calib.people.model import HumanModel
 from calib.people.samples import HumanSample
+from planview.api.calibrate_pair import ui
 from planview.calibration.people import draw_person
-from planview.commands.calibrate import calibrate_ui
 from tests.people import standing_people
 
 pytest.importorskip("nicegui", reason="the extra ui is not installed")
@@ -147,7 +147,7 @@ def test_port_in_use_is_one_sentence(tmp_path):
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         with pytest.raises(InputError, match="is in use by another program"):
-            calibrate_ui(tmp_path, port=taken.getsockname()[1])
+            ui(tmp_path, port=taken.getsockname()[1])
 
 
 SERVER = """

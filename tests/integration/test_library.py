@@ -27,26 +27,26 @@ from stereo.recording import Frame
 
 def test_run_without_a_folder_gives_what_a_folder_would_hold(engine: planview.Engine, tmp_path: Path) -> None:
     frames = EMPTY + 6
-    kept = planview.run(engine, tmp_path / "out", frames=frames)
+    kept = planview.run(engine, out=tmp_path / "out", frames=frames)
     tracks = planview.run(engine, frames=frames)
     assert len(tracks) > 0 and np.array_equal(tracks.x_m, kept.x_m)
     assert (tmp_path / "out" / "report.html").is_file()
 
 
 def test_run_refuses_a_folder_with_results(engine: planview.Engine, tmp_path: Path) -> None:
-    planview.run(engine, tmp_path, frames=2)
+    planview.run(engine, out=tmp_path, frames=2)
     with pytest.raises(InputError, match="overwrite"):
-        planview.run(engine, tmp_path, frames=2)
+        planview.run(engine, out=tmp_path, frames=2)
 
 
 def test_evaluation_takes_tables_and_paths(engine: planview.Engine, tmp_path: Path) -> None:
-    tracks = planview.run(engine, tmp_path / "out", frames=FRAMES)
+    tracks = planview.run(engine, out=tmp_path / "out", frames=FRAMES)
     confirmed = tracks.where(tracks.state == "confirmed")
     assert planview.evaluate(tmp_path / "out", confirmed).to_json()["mota"] == 1.0
 
 
 def test_dataframe_has_the_columns_of_the_file(engine: planview.Engine, tmp_path: Path) -> None:
-    frame = planview.run(engine, tmp_path / "out", frames=EMPTY + 6).to_dataframe()
+    frame = planview.run(engine, out=tmp_path / "out", frames=EMPTY + 6).to_dataframe()
     header = (tmp_path / "out" / "tracks.csv").read_text().splitlines()[0]
     assert ",".join(frame.columns) == header and frame.state.iloc[-1] in ("tentative", "confirmed")
 
@@ -171,10 +171,10 @@ def test_arguments_of_another_type_are_refused_by_name(recording: Path, tmp_path
     with pytest.raises(InputError, match="tracker=: expected foreground_columns above 0 or None, found 'a'"):
         engine_of(CrossingVideo(), tracker)
     with pytest.raises(InputError, match=r"expected a table .*, found NoneType"):
-        planview.count_tracks(None, tmp_path / "rules.toml")  # type: ignore[arg-type]
-    with pytest.raises(InputError, match=r"frames=: expected the first and the last frame, found \(9, 1\)"):
+        planview.count(None, tmp_path / "rules.toml")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"frames=: expected FIRST:LAST with FIRST not after LAST, found \(9, 1\)"):
         planview.evaluate(tmp_path, frames=(9, 1))
-    with pytest.raises(InputError, match="frames=: expected how many"):
+    with pytest.raises(InputError, match="frames=: expected FIRST:LAST"):
         planview.run(recording, frames=-1)
 
 
@@ -269,7 +269,7 @@ def test_a_tracker_of_images_gets_the_frames_of_one_camera_and_one_of_plan_view_
 
 def test_maps_of_a_depth_image_of_ones_own_take_the_three_lines_of_the_api_page() -> None:
     page = (Path(__file__).resolve().parents[2] / "docs" / "api.md").read_text(encoding="utf-8")
-    block = page.partition("```python\n")[2].partition("```")[0].strip()
+    block = page.partition("## Maps of a depth image")[2].partition("```python\n")[2].partition("```")[0].strip()
     depth_m, people = np.full((480, 640), 10.0, np.float32), np.zeros((480, 640), np.uint8)
     depth_m[220:260, 300:340], people[220:260, 300:340] = 1.2, 1  # a head below the middle of the image
     names = {"planview": planview, "np": np, "depth_m": depth_m, "people": people}

@@ -195,7 +195,7 @@ def test_run_tracks_the_boxes_of_a_file_and_is_evaluated_as_any_run(video, tmp_p
     scored = ["evaluate", out / "tracks.csv", tmp_path / "truth.csv"]
     assert json_of(*scored)["idf1"] > 0.5
     refused(*scored, "--boxes")
-    assert "--detections" in refused("replay", out, "--frame", "5")
+    assert "a run without detections" in refused("replay", out, "--frame", "5")
 
 
 def test_python_takes_an_array_per_frame(video, tmp_path):
@@ -225,8 +225,8 @@ def two(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path
 @pytest.fixture(scope="module")
 def out(two: tuple[Path, Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("out") / "run"
-    options = OpenOptions(str(two[2]), 15.0, right=str(two[1]))  # type: ignore[arg-type]
-    planview.run(str(two[0]), str(folder), options=options, config={"analysis": {"setup_frames": 4}})
+    left, right, rig = map(str, two)
+    planview.run(left, right, calibration=rig, fps=15.0, out=str(folder), config={"analysis.setup_frames": 4})
     return folder
 
 

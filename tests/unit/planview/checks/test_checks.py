@@ -16,6 +16,7 @@ from calib.formats import load_rig
 from calib.pose import SE3
 from calib.rig import Floor, StereoRig
 from calib.types import F64, U8
+from planview.api.check import verdict
 from planview.checks.check import Check, limited
 from planview.checks.examine import Diagnosis, examine, refuse_unless_ok
 from planview.checks.scene import flicker_check, floor_checks, height_check, light_checks
@@ -32,7 +33,7 @@ from planview.checks.timing import (
     thumbnails,
 )
 from planview.cli import main
-from planview.commands.recordings import CheckOptions, check, verdict
+from planview.commands.check import check
 
 FRAMES = 60
 
@@ -285,16 +286,18 @@ def test_fault_is_reported_with_its_size(fault, name, value, within, tmp_path, p
 
 def test_check_writes_the_rig_that_the_recording_corrects(tmp_path, pairs, capsys):
     folder = write_toy_recording(tmp_path / "r", RIG, pairs[:8], claimed=turned(RIG, (0.1, 0.0, 0.3)))
-    check(folder, options=CheckOptions(frames=8))
+    check(folder, frames=8)
     assert "--corrected-rig rig.toml writes the corrected calibration" in " ".join(capsys.readouterr().err.split())
-    check(folder, options=CheckOptions(frames=8, corrected_rig=tmp_path / "rig.toml"))
+    check(folder, frames=8, corrected_rig=tmp_path / "rig.toml")
     assert "roll corrected by" in capsys.readouterr().err
     left = (load_rig(tmp_path / "rig.toml").right_SE3_left @ RIG.right_SE3_left.inverse()).rotvec
     assert np.degrees(np.abs(left)).max() < 0.03
     with pytest.raises(WorkError, match="nothing to write to"):  # it needs no other correction
         check(
             folder,
-            options=CheckOptions(frames=8, calibration=tmp_path / "rig.toml", corrected_rig=tmp_path / "other.toml"),
+            frames=8,
+            calibration=tmp_path / "rig.toml",
+            corrected_rig=tmp_path / "other.toml",
         )
 
 
@@ -366,16 +369,16 @@ def test_the_verdict_comes_first_and_names_what_failed_before_what_is_a_warning(
     warned = height_check(np.full(30, 1.05))
     failed = Check("valid disparity", False, 0.2, "", 0.35, "at least", "share of the picture")
     fine = Check("row offset", True, 0.1)
-    lines = verdict(Diagnosis((fine, warned, failed)))
+    lines = verdict((fine, warned, failed))
     assert lines[0] == "Results of this recording cannot be trusted: 1 of 3 checks failed and 1 warning."
     assert lines[1] == "failed: valid disparity: expected at least 0.35, found 0.2 (share of the picture)"
     assert lines[2].startswith(
         "warning: person height: expected 1.5 to 1.95 m, found 1.05 (likely a wrong focal length"
     )
-    assert verdict(Diagnosis((fine, warned)))[0] == "Results can be used, with 1 warning."
+    assert verdict((fine, warned))[0] == "Results can be used, with 1 warning."
     unknown = height_check(np.empty(0))
     expected = "Nothing wrong was found: 1 checks passed; not measured: person height."
-    assert verdict(Diagnosis((fine, unknown))) == [expected]
+    assert verdict((fine, unknown)) == [expected]
 
 
 def test_command_prints_the_verdict_before_the_table(tmp_path, capsys):

@@ -92,7 +92,7 @@ def test_image_size_must_be_known_and_that_of_the_file(people, refused, tmp_path
     path = tmp_path / "people.json"
     write_samples(standing_people(GROUND_CAMERA, 8, seed=1), path)
     assert read_image_size(path) is None
-    assert "human needs --image-size WxH" in refused(*HUMAN, path, "--out", tmp_path / "camera.toml")
+    assert "--image-size: expected WxH" in refused(*HUMAN, path, "--out", tmp_path / "camera.toml")
 
 
 @pytest.mark.parametrize("size", ["[640]", "[640, -1]", '"640x480"'])

@@ -20,12 +20,12 @@ from calib.formats.one_camera import LensOnlyError
 from calib.ground_camera import GroundCamera, load_ground_camera, save_ground_camera
 from calib.rig import save_rig
 from calib.world import load_world
+from planview.api.calibrate_pair import parse_board, parse_square
+from planview.api.calibrate_pose import parse_points
+from planview.api.run import is_of_one_camera
 from planview.cli import main
-from planview.commands.calibrate import parse_board, parse_square
-from planview.commands.calibrate_pose import parse_points
+from planview.commands.check import check
 from planview.commands.options import typed
-from planview.commands.recordings import CheckOptions, check
-from planview.commands.run import TrackingOptions, _is_of_one_camera
 from planview.commands.sweep import SweepOptions, sweep, varied
 from planview.counting.events import read_events
 from planview.engine.config import load_config
@@ -37,11 +37,11 @@ from stereo.readers import open_recording, open_video
 def test_a_camera_above_the_floor_is_known_by_its_keys_and_a_rig_is_that_of_a_pair_to_trackers_of_pairs(tmp_path):
     for name in ("camera.toml", "street.toml"):
         save_ground_camera(GroundCamera(320, 240, 200.0, 3.0, 0.8), tmp_path / name)
-        assert _is_of_one_camera(tmp_path / name, TrackingOptions(tracker="ellipse-particle"))
+        assert is_of_one_camera(tmp_path / name, "ellipse-particle")
     write_rig(toy_rig(), tmp_path / "rig.toml", "rig")
-    assert not _is_of_one_camera(tmp_path / "rig.toml", TrackingOptions())
-    assert not _is_of_one_camera(tmp_path, TrackingOptions())
-    assert _is_of_one_camera(tmp_path / "rig.toml", TrackingOptions(tracker="human-model"))
+    assert not is_of_one_camera(tmp_path / "rig.toml", "joint")
+    assert not is_of_one_camera(tmp_path, "joint")
+    assert is_of_one_camera(tmp_path / "rig.toml", "human-model")
 
 
 SCENE = """
@@ -193,7 +193,7 @@ def test_foreign_tracks_write_nothing_next_to_them(folder, cli):
         (["--interval", "0"], "interval_s"),
         (["--window", "0", "--truth", "tracks.csv"], "--window"),
         (["--truth", "nothing.csv"], "nothing.csv"),
-        (["--camera", "a.toml", "--rig", "b.toml"], "--camera and --rig"),
+        (["--camera", "a.toml", "--rig", "b.toml"], "a camera and a rig cannot be combined"),
         (["--camera", "a.toml"], "a.toml"),
         (["--out", "rules.toml/x"], "cannot be written"),
     ],
@@ -240,7 +240,7 @@ def recording(folder: Path) -> Path:
 
 
 def inspected(path: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
-    check(path, options=CheckOptions(quick=True, json_output=True))
+    check(path, quick=True, json=True)
     found: dict[str, object] = json.loads(capsys.readouterr().out)
     return found
 
@@ -257,7 +257,7 @@ def test_inspect_tells_sizes_rates_calibration_and_unpaired_frames(tmp_path, cap
 def test_inspect_names_the_option_that_supplies_what_is_missing_and_shows_people_a_table(tmp_path, capsys):
     found = inspected(recording(tmp_path), capsys)
     assert found["calibration"] is None and "use --calibration" in str(found["missing"])
-    check(tmp_path, options=CheckOptions(quick=True))
+    check(tmp_path, quick=True)
     shown = capsys.readouterr().out
     assert "32x24" in shown and "1 without a mate" in shown
 
@@ -266,8 +266,10 @@ def test_times_that_images_lack_are_missing_but_the_rest_is_listed(tmp_path, cap
     folder = write_toy_rgbd(tmp_path / "rgbd")
     (folder / "timestamps.csv").unlink(missing_ok=True)
     found = inspected(folder, capsys)
-    assert found["fps"] is found["duration_s"] is None and "use --fps, or add a timestamps.csv" in str(found["missing"])
-    check(folder, options=CheckOptions(quick=True))
+    assert found["fps"] is found["duration_s"] is None and "there is no timestamps.csv; use --fps" in str(
+        found["missing"]
+    )
+    check(folder, quick=True)
     assert re.search(r"frames +36 +\n", capsys.readouterr().out)
 
 
@@ -293,11 +295,11 @@ def test_a_video_of_one_camera_names_its_trackers(tmp_path, words, monkeypatch, 
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        *[((text, 0.03, None, None), "--board") for text in ("9", "2x6", "99x6", "charuco:", "nine by six", "9x6x2")],
-        (("charuco:2x2", 0.03, None, None), "--board"),
-        ((None, 0.0001, None, None), "--square"),
-        ((None, 24.23, None, None), "--square"),
-        (("charuco:7x5", 0.03, None, "DICT_9X9"), "--dictionary"),
+        *[((text, 0.03, None, None), "board=:") for text in ("9", "2x6", "99x6", "charuco:", "nine by six", "9x6x2")],
+        (("charuco:2x2", 0.03, None, None), "board=:"),
+        ((None, 0.0001, None, None), "square=:"),
+        ((None, 24.23, None, None), "square=:"),
+        (("charuco:7x5", 0.03, None, "DICT_9X9"), "dictionary=:"),
         (("charuco:7x5", 0.03, "40mm", None), "markers smaller than the squares"),
     ],
 )
@@ -308,7 +310,7 @@ def test_board_without_sense_or_in_a_wrong_unit_is_refused(words, named):
 
 @pytest.mark.parametrize("text", ["25", " 24.23 ", "2,5"])
 def test_square_without_unit_is_refused_with_what_to_type(text):
-    with pytest.raises(InputError, match=rf"type --square {text.strip()}mm"):
+    with pytest.raises(InputError, match=rf"{text.strip()}mm if these are millimetres"):
         parse_square(text)
 
 
@@ -331,7 +333,7 @@ def test_sweep_without_a_process_is_refused(tmp_path) -> None:
     ("error", "in_python", "typed_as"),
     [
         (InputError("expected a rate", argument="fps"), "fps=: expected a rate", "--fps: expected a rate"),
-        (InputError("no floor", remedy="match_on='boxes'"), "no floor; use match_on='boxes'", "no floor; use --boxes"),
+        (InputError("no floor", remedy="boxes=True"), "no floor; use boxes=True", "no floor; use --boxes"),
         (InputError("/data/fps=: no images"), "/data/fps=: no images", "/data/fps=: no images"),
         (InputError("expected a.b=1", argument="overrides"), "overrides=: expected a.b=1", "--set: expected a.b=1"),
     ],

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError, WorkError
+from planview.api.scores import evaluate
 from planview.cli import main
 from planview.evaluation.align import FloorAlignment, align_tracks, moved
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
@@ -16,7 +17,6 @@ from planview.evaluation.result import KINDS
 from planview.output.folder import RunInfo, write_run_info
 from planview.output.report.page import scores_of
 from planview.output.run_folder import RunFolder
-from planview.output.script import evaluate
 from planview.trajectories.formats import load_truth
 from planview.trajectories.table import Trajectories, concatenated, positions_table
 

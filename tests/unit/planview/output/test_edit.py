@@ -57,8 +57,8 @@ def test_an_edit_written_in_another_form_is_refused_with_the_form_of_its_option(
 def test_what_the_page_cannot_be_made_of_is_refused_before_anything_changes(run: Path, name: str, cli: Cli) -> None:
     (run / name).write_text("damaged\n")
     before = {file.name: file.read_bytes() for file in run.iterdir()}
-    for words in (["--refine"], ["--delete", "2"], ["--undo-all"]):
-        status, output = cli("edit", run, *words)
+    for command, *words in (["refine"], ["edit", "--delete", "2"], ["edit", "--undo-all"]):
+        status, output = cli(command, run, *words)
         assert status == 2 and name in output
         assert {file.name: file.read_bytes() for file in run.iterdir()} == before
 
@@ -73,7 +73,7 @@ def test_edits_of_a_list_are_applied_in_its_order(run: Path, cli: Cli) -> None:
 def test_nothing_to_undo_refinement_over_edits_and_unfinished_runs_are_refused(run: Path, cli: Cli) -> None:
     assert cli("edit", run, "--undo")[0] == 2
     cli("edit", run, "--delete", "2")
-    assert "its tracks were edited" in cli("edit", run, "--refine")[1]
+    assert "its tracks were edited" in cli("refine", run)[1]
     write_run_info(RunInfo(state="interrupted"), run / "run.json")
     assert "no finished run in it" in cli("edit", run, "--delete", "1")[1]
 
@@ -97,23 +97,23 @@ def folder(tmp_path: Path) -> Path:
 
 def test_refine_keeps_the_online_tracks_is_recorded_and_starts_from_them_again(folder, cli):
     online = (folder / "tracks.csv").read_text()
-    assert cli("edit", folder, "--refine")[0] == 0 and (folder / "tracks_online.csv").read_text() == online
+    assert cli("refine", folder)[0] == 0 and (folder / "tracks_online.csv").read_text() == online
     assert (folder / "tracks.csv").read_text().count("tentative") == 4
     assert read_run_info(folder / "run.json").refined
     with (folder / "refinement.csv").open() as file:
         changes = list(csv.DictReader(file))
     fields = ("id", "first_frame", "last_frame", "kind")
     assert [tuple(row[name] for name in fields) for row in changes] == [("1", "0", "29", "smooth")]
-    cli("edit", folder, "--refine")
+    cli("refine", folder)
     once = (folder / "tracks.csv").read_text(), (folder / "tracks_online.csv").read_text()
-    cli("edit", folder, "--refine")
+    cli("refine", folder)
     assert ((folder / "tracks.csv").read_text(), (folder / "tracks_online.csv").read_text()) == once
 
 
 def test_refinement_is_undone_and_undo_all_gives_the_table_of_the_tracker(folder, cli, refused):
     own = (folder / "tracks.csv").read_bytes()
     assert "nothing to undo" in refused("edit", folder, "--undo")
-    assert "0 joins, 1 path smoothed" in cli("edit", folder, "--refine")[1]
+    assert "0 joins, 1 path smoothed" in cli("refine", folder)[1]
     refined = (folder / "tracks.csv").read_bytes()
     cli("edit", folder, "--delete", "1")
     assert "1 left to undo" in cli("edit", folder, "--undo")[1]
@@ -135,7 +135,7 @@ def recording_with_truth(folder: Path) -> Path:
 
 def test_refinement_says_whether_it_made_the_tracks_better_or_worse(folder, cli, json_of):
     truth = recording_with_truth(folder)
-    assert "equal against the truth: 1 person in the truth" in cli("edit", folder, "--refine")[1]
+    assert "equal against the truth: 1 person in the truth" in cli("refine", folder)[1]
     for name, refined in (("tracks.csv", True), ("tracks_online.csv", False)):
         assert json_of("evaluate", folder / name, truth)["refined"] == refined
 
@@ -145,15 +145,15 @@ def test_evaluate_takes_the_truth_of_the_runs_recording(folder, refused, json_of
     truth = recording_with_truth(folder)
     assert json_of("evaluate", folder)["truth_rows"] == 30
     with pytest.raises(SystemExit, match="0"):
-        main(["evaluate", str(folder)])
+        main(["evaluate", str(folder), "--all"])
     assert "lasting identity changes: two when two people swap ids" in " ".join(capsys.readouterr().out.split())
     truth.unlink()
     assert "has no truth.csv; add the truth file" in refused("evaluate", folder)
 
 
 def test_refine_needs_a_finished_run_and_the_online_tracks_of_a_refined_one(folder, cli, refused):
-    cli("edit", folder, "--refine")
+    cli("refine", folder)
     (folder / "tracks_online.csv").unlink()
-    assert "expected the online tracks" in refused("edit", folder, "--refine")
+    assert "expected the online tracks" in refused("refine", folder)
     write_run_info(RunInfo(finished=False), folder / "run.json")
-    assert "no finished run in it" in refused("edit", folder, "--refine")
+    assert "no finished run in it" in refused("refine", folder)

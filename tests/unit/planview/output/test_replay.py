@@ -14,9 +14,9 @@ import pytest
 
 import planview.tracking
 from calib.errors import InputError
+from planview.api import view as viewer
+from planview.api.view import quiet_environment
 from planview.cli import main
-from planview.commands import results as command
-from planview.commands.results import quiet_environment
 from planview.counting.events import Event
 from planview.drawing.style import as_bgr
 from planview.engine.config import Config, load_config
@@ -162,10 +162,10 @@ def test_web_view_listens_on_this_machine_only(tmp_path, monkeypatch, capsys):
         called.append(words)
         return 0
 
-    monkeypatch.setattr(command, "_viewed", viewed)
+    monkeypatch.setattr(viewer, "_viewed", viewed)
     major, minor = map(int, version("rerun-sdk").split(".")[:2])
     (tmp_path / "run.rrd").write_bytes(b"RRF2" + bytes([major, minor, 0, 0]) + b"RRF2FOOT" + bytes(4))
-    command.view(tmp_path, web=True, web_port=9191)
+    viewer.view(tmp_path, web=True, web_port=9191)
     assert called[0][1:3] == ["--bind", "127.0.0.1"] and "--serve-web" in called[0]
     assert "http://127.0.0.1:9191" in capsys.readouterr().err
 
@@ -177,7 +177,7 @@ def test_viewer_and_what_it_started_end_with_the_command(tmp_path):
         "time.sleep(60)\n"
     )
     child = f"import subprocess, sys; subprocess.run([sys.executable, {str(tmp_path / 'child.py')!r}])"
-    code = "import sys; from planview.commands.results import _viewed; from planview.cli import _stop_on_signals\n"
+    code = "import sys; from planview.api.view import _viewed; from planview.cli import _stop_on_signals\n"
     code += f"_stop_on_signals(); _viewed([sys.executable, '-c', {child!r}])"
     command_line = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL)
     until = time.monotonic() + 30

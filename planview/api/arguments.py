@@ -1,0 +1,101 @@
+"""Arguments that several functions share, and what their values mean."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from pydantic import ValidationError
+
+from calib.errors import InputError
+from calib.params import Params, first_problem
+from planview.engine.config import Config, config_of, load_config
+from planview.output.run_folder import RunFolder
+from planview.trajectories.formats import load_tracks, tracks_file
+from planview.trajectories.table import Trajectories
+from stereo.readers import OpenOptions
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+Frames = int | str | tuple[int, int]
+"""The first N, "FIRST:LAST", or first and last frame; both are included."""
+Settings = Config | Mapping[str, Any] | Path | str
+"""Parameters of a run: all of them, tables or dotted names of those that differ, or a TOML file with these."""
+_Table = TypeVar("_Table", bound=Params)
+
+
+def path_of(path: Path | str | None) -> Path | None:
+    """A path that may be text, or none."""
+    return None if path is None else Path(path)
+
+
+def frame_span(frames: Frames) -> tuple[int, int]:
+    """First and last frame. Raises InputError: what is no span of frames."""
+    try:
+        if isinstance(frames, tuple):
+            first, last = map(int, frames)
+        elif isinstance(frames, str) and ":" in frames:
+            begin, _, end = frames.partition(":")
+            first, last = int(begin or 0), int(end)
+        else:
+            first, last = 0, int(frames) - 1
+    except (TypeError, ValueError):
+        problem = f"expected FIRST:LAST or N, e.g. 0:399 or 400, found {frames!r}"
+        raise InputError(problem, argument="frames") from None
+    if not 0 <= first <= last:
+        raise InputError(f"expected FIRST:LAST with FIRST not after LAST, found {frames!r}", argument="frames")
+    return first, last
+
+
+def settings(config: Settings | None, set_: Sequence[str] = (), base: Config | None = None) -> Config:
+    """Parameters from the argument ``config``, then those of ``set``, over the base. Raises InputError: an unreadable
+    file, an unknown name, or a value out of range, by name."""
+    if config is None or isinstance(config, Path | str):
+        return load_config(config, set_, base)
+    if not isinstance(config, Config):
+        config = config_of(config, argument="config", base=base)
+    return load_config(None, set_, config)
+
+
+def opening(
+    calibration: Path | str | None = None,
+    fps: float | None = None,
+    topics: str | Sequence[str] | None = None,
+    right: Path | str | None = None,
+) -> OpenOptions:
+    """How a recording is opened, as readers take it."""
+    return OpenOptions(path_of(calibration), fps, topics or (), path_of(right))
+
+
+def checked(table: type[_Table], **values: Any) -> _Table:
+    """A parameter table. Raises InputError: a value out of its range, by name."""
+    try:
+        return table(**values)
+    except ValidationError as error:
+        raise InputError(first_problem(error)) from error
+
+
+def in_range(argument: str, value: float, least: float, most: float, unit: str = "") -> None:
+    """Raises InputError: a number of an argument out of its range."""
+    if not least <= value <= most:
+        raise InputError(f"expected {least:g} to {most:g}{unit}, found {value:g}", argument=argument)
+
+
+def table_of(tracks: Trajectories | DataFrame) -> Trajectories:
+    """Tracks that may be a table of pandas. Raises InputError: what is no table."""
+    if isinstance(tracks, Trajectories):
+        return tracks
+    if not hasattr(tracks, "columns"):
+        found = type(tracks).__name__
+        raise InputError(f"expected a table (Trajectories or DataFrame), a file or a folder, found {found}")
+    return Trajectories.from_dataframe(tracks)
+
+
+def read_or_given(tracks: Trajectories | DataFrame | Path | str) -> tuple[Trajectories, RunFolder | None]:
+    """Tracks, and the run that wrote them where they are in its folder."""
+    if not isinstance(tracks, Path | str):
+        return table_of(tracks), None
+    path = tracks_file(Path(tracks))
+    return load_tracks(path), RunFolder.around(path)

@@ -1,0 +1,273 @@
+"""Whether a recording can be trusted, and what it holds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.markup import escape
+from rich.table import Column, Table
+from rich.text import Text
+
+from calib.errors import InputError, WorkError
+from calib.io import parse_length
+from calib.rig import save_rig
+from planview.api.arguments import Settings, in_range, opening, path_of, settings
+from planview.checks.check import Check
+from planview.checks.examine import Diagnosis, examine, write_pictures
+from planview.engine.setup import floor_search
+from planview.output.progress import as_text
+from stereo.floor import PairFrames
+from stereo.readers import find_layout
+from stereo.readers.base import Layout, Reader
+from stereo.readers.images import Stream
+from stereo.readers.times import Rate, rate_of_times
+from stereo.recording import Pair
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingChecks:
+    """Every check of a recording with its value and limit; printed, a verdict and a table.
+
+    Attributes:
+        files: pictures that were written.
+        correction: of the calibration by the recording, in words; empty where it fits.
+    """
+
+    checks: tuple[Check, ...]
+    files: tuple[Path, ...] = ()
+    correction: str = ""
+
+    @property
+    def ok(self) -> bool:
+        """Whether results can be trusted; warnings leave it true."""
+        return not any(check.failed for check in self.checks)
+
+    def __repr__(self) -> str:
+        return as_text(self)
+
+    def __rich__(self) -> RenderableType:
+        return Group(*map(Text, verdict(self.checks)), _table(self.checks))
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values: ``ok`` and ``checks``."""
+        return {"ok": self.ok, "checks": [check.to_json() for check in self.checks]}
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingContents:
+    """What a recording holds and what it lacks; printed, a table.
+
+    Attributes:
+        layout: what kind of recording it is.
+        found: cameras, frames, rates, calibration, and what is missing, as plain values.
+        missing: why a run would refuse it.
+    """
+
+    layout: str
+    found: dict[str, Any]
+    missing: tuple[InputError, ...]
+
+    def __repr__(self) -> str:
+        return as_text(self)
+
+    def __rich__(self) -> RenderableType:
+        return _listing(self.found, self.layout)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return self.found
+
+
+def check(
+    recording: Path | str,
+    right: Path | str | None = None,
+    *,
+    quick: bool = False,
+    calibration: Path | str | None = None,
+    topics: str | None = None,
+    fps: float | None = None,
+    person_height: str | None = None,
+    frames: int = 60,
+    out: Path | str | None = None,
+    corrected_rig: Path | str | None = None,
+    config: Settings | None = None,
+    set: Sequence[str] = (),
+) -> RecordingChecks | RecordingContents:
+    """Check a recording and its calibration before trusting results; exit status 1 when a check fails.
+
+    Example: planview check recording --person-height 1.78m --out pictures
+
+    Example of its contents only, without looking at its images: planview check recording.bag --quick
+
+    Args:
+        recording: Folder, video, bag or address of a recording; or the left one of two videos or folders of images.
+        right: The right one.
+        quick: Only list what it contains: layout, cameras, rates, gaps, calibration, and what is missing.
+        calibration: Calibration file or folder, instead of the recording's own; or camera.toml or Tsai XML of one
+            camera.
+        topics: Topics of a bag, LEFT,RIGHT or IMAGE,DEPTH, where they are not clear from their names.
+        fps: Frames per second, where times are missing or wrong.
+        person_height: Height of a person who walks through, e.g. 1.78m: checks baseline and units.
+        frames: Consecutive frames to look at for movement, besides those in which a run measures its floor.
+        out: Folder for pictures: rectified rows, disparity, floor, exposure.
+        corrected_rig: Write the calibration as corrected by this recording to this file, for other recordings of the
+            rig.
+        config: TOML file with parameters of the later run: analysis.setup_frames and tables rectify, sgbm, range,
+            floor.
+        set: One parameter, e.g. ``set`` foreground.learning_rate=0.002; can be repeated.
+
+    Returns:
+        Every check; with ``quick`` what the recording holds.
+
+    Raises:
+        InputError: there is nothing that can be read, or nothing gives the times of its frames.
+        WorkError: not one frame can be decoded, or there is nothing to correct in the calibration.
+    """
+    path, options = Path(recording), opening(calibration, fps, topics, right)
+    if quick:
+        reader, layout = find_layout(path, options)
+        return _contents(path, reader, layout)
+    in_range("frames", frames, 4, 2000)
+    known = None if person_height is None else _height(str(person_height))
+    search = floor_search(settings(config, set))
+    diagnosis = examine(path, options, frames=frames, person_height_m=known, search=search)
+    files = []
+    if out is not None and diagnosis.seen:
+        files = write_pictures(diagnosis.seen, diagnosis.floor, Path(out))
+    return RecordingChecks(diagnosis.checks, tuple(files), _corrected(path, diagnosis, path_of(corrected_rig)))
+
+
+def _corrected(recording: Path, diagnosis: Diagnosis, file: Path | None) -> str:
+    """How the recording corrects the calibration, in words; empty where it fits. Raises WorkError: a file is named for
+    it, and there is nothing to correct."""
+    pair = diagnosis.seen if isinstance(diagnosis.seen, PairFrames) else None
+    if pair is None or not pair.correction.is_applied.any():
+        if file is not None:
+            raise WorkError(f"{recording}: nothing to write to {file}: {pair.correction if pair else 'no pair'}")
+        return ""
+    if file is not None:
+        rig = pair.correction(pair.plain.rig)
+        save_rig(replace(rig, source=f"{rig.source}, {pair.correction}"), file)
+    return str(pair.correction)
+
+
+def verdict(checks: Sequence[Check]) -> list[str]:
+    """Whether results can be trusted, then a sentence on each check beyond its limit, failures first."""
+    failed = [check for check in checks if check.failed]
+    warned = [check for check in checks if not check.ok and check.warns]
+    warnings = f"{len(warned)} warning{'s' * (len(warned) != 1)}"
+    lines = [*(f"failed: {c.sentence}" for c in failed), *(f"warning: {c.sentence}" for c in warned)]
+    if failed:
+        also = f" and {warnings}" if warned else ""
+        first = f"Results of this recording cannot be trusted: {len(failed)} of {len(checks)} checks failed"
+        return [f"{first}{also}.", *lines]
+    if warned:
+        return [f"Results can be used, with {warnings}.", *lines]
+    unknown = [check.name for check in checks if not math.isfinite(check.value)]
+    also = f"; not measured: {', '.join(unknown)}" if unknown else ""
+    return [f"Nothing wrong was found: {len(checks) - len(unknown)} checks passed{also}."]
+
+
+def _table(checks: Sequence[Check]) -> Table:
+    right = partial(Column, justify="right")
+    result = Table("", "check", right("value"), right("limit"), "meaning")
+    for check in checks:
+        mark = "[green]ok[/]" if check.ok else "[yellow]warning[/]" if check.warns else "[bold red]NO[/]"
+        number = f"{check.value:,.0f}" if check.value >= 1000 else f"{check.value:.3g}"
+        value = f"{number} {check.unit}".strip() if math.isfinite(check.value) else "-"
+        result.add_row(mark, check.name, value, check.limit_text, escape(check.note))
+    return result
+
+
+def _height(text: str) -> float:
+    bare = text.strip().replace(".", "", 1).isdigit()
+    height = parse_length(f"{text}m" if bare else text, "person_height=")
+    in_range("person_height", height, 0.5, 2.5, " m")
+    return height
+
+
+def _contents(path: Path, reader: Reader, layout: Layout) -> RecordingContents:
+    opened, missing = None, list[InputError]()
+    try:
+        opened = layout.open()
+    except InputError as error:
+        error.remedy = error.remedy or "calibration"
+        missing = [error]
+    fps = layout.clock.fps if math.isfinite(layout.clock.fps) else None
+    if fps is None:
+        missing.append(InputError(f"{path}: the frames have no times, and there is no timestamps.csv", remedy="fps"))
+    cameras = [_camera(stream, fps) for stream in layout.streams]
+    durations = [camera["duration_s"] for camera in cameras if camera["duration_s"] is not None]
+    size, calibration, has_world = layout.streams[0].size, None, False
+    if opened is not None:
+        camera, head = opened.head.camera, opened.head
+        size, has_world = camera.size, head.world_SE3_left is not None  # squeezed halves are stretched
+        calibration = {
+            "source": head.source,
+            "focal_px": camera.fx,
+            "fov_deg": [
+                math.degrees(2.0 * math.atan(pixels / (2.0 * focal)))  # of the pinhole without its distortion
+                for pixels, focal in ((camera.width, camera.fx), (camera.height, camera.fy))
+            ],
+            "lens": camera.model if camera.distortion and any(camera.distortion) else "none",
+        } | ({"baseline_m": head.rig.baseline_m} if isinstance(head, Pair) else {})
+    found = {
+        "path": str(path),
+        "reader": reader.key,
+        "kind": layout.kind,
+        "cameras": cameras,
+        "frames": layout.n_frames,
+        "unpaired": layout.unpaired,
+        "fps": fps,
+        "duration_s": max(durations, default=fps and layout.n_frames / fps),
+        "size": list(size),
+        "calibration": calibration,
+        "floor": "world.toml" if has_world else "to be found in the recording",
+        "missing": list(map(str, missing)),
+        "notes": list(getattr(opened, "notes", layout.notes)),
+    }
+    return RecordingContents(reader.name, found, tuple(missing))
+
+
+def _camera(stream: Stream, nominal_fps: float | None) -> dict[str, Any]:
+    rate = None if stream.times_s is None else rate_of_times(stream.times_s)
+    known = asdict(rate) if rate else dict.fromkeys(field.name for field in fields(Rate)) | {"fps": nominal_fps}
+    size = list(stream.size)
+    return {"name": stream.name, "size": size, "frames": stream.n_frames, "pixels": stream.pixels, **known}
+
+
+def _listing(found: dict[str, Any], name: str) -> RenderableType:
+    right = partial(Column, justify="right")
+    titles = "camera", right("size"), "pixels", right("frames"), right("fps"), right("jitter"), right("gaps")
+    table = Table(*titles)
+    for camera in found["cameras"]:
+        jitter, gaps = "-", "-"
+        if camera["jitter_ms"] is not None:
+            jitter = f"{camera['jitter_ms']:.2f} ms"
+            gaps = f"{camera['gaps']} ({camera['dropped']} frames)" if camera["gaps"] else "none"
+        size, rate = "x".join(map(str, camera["size"])), f"{camera['fps']:.3f}" if camera["fps"] else "-"
+        table.add_row(camera["name"], size, camera["pixels"], str(camera["frames"]), rate, jitter, gaps)
+    alone = f", {found['unpaired']} without a mate" if found["unpaired"] else ""
+    calibration, text = found["calibration"], "missing"
+    if calibration is not None:
+        across, down = calibration["fov_deg"]
+        baseline = f", baseline {calibration['baseline_m'] * 100:.2f} cm" if "baseline_m" in calibration else ""
+        text = (
+            f"focal length {calibration['focal_px']:.1f} px{baseline}, view {across:.0f} x {down:.0f} degrees, "
+            f"lens {calibration['lens']} ({calibration['source']})"
+        )
+    facts = Table(show_header=False, box=None, pad_edge=False)
+    timed = f" at {found['fps']:.3f} per second, {found['duration_s']:.2f} s" if found["fps"] else ""
+    facts.add_row("frames", f"{found['frames']}{timed}{alone}")
+    facts.add_row("calibration", text)
+    facts.add_row("floor", found["floor"])
+    for title, lines in (("missing", found["missing"]), ("note", found["notes"])):
+        for line in lines:
+            facts.add_row(title, line)
+    return Group(Text(f"{found['path']}: {name}"), table, facts)

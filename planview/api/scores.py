@@ -1,0 +1,310 @@
+"""Tracks against truth, and what they count."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from calib.errors import InputError
+from calib.formats.one_camera import load_one_camera
+from calib.io import missing, reason, require_file
+from planview.api.arguments import Frames, checked, frame_span, path_of, read_or_given, table_of
+from planview.counting import rules as rules_files
+from planview.counting.events import Event, read_events, write_event_header, write_event_rows
+from planview.counting.rules import AnalyticsParams, RulePlane, Rules, stereo_plane
+from planview.counting.totals import Clock, count_tracks, count_truth, score_counts, score_events
+from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
+from planview.evaluation.result import Evaluation, pooled
+from planview.output.folder import unfinished_note, write_result, writing
+from planview.output.run_folder import RunFolder
+from planview.trajectories.boxes import refuse_outside
+from planview.trajectories.file import TrajectoryFile, limited
+from planview.trajectories.formats import (
+    FilePair,
+    file_pairs,
+    load_file,
+    load_truth,
+    sequence_rate,
+    sequence_size,
+    tracks_file,
+    truth_file,
+)
+from planview.trajectories.table import Trajectories
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+
+def evaluate(
+    tracks: Trajectories | DataFrame | Path | str,
+    truth: Trajectories | DataFrame | Path | str | None = None,
+    *,
+    gate: float = 0.5,
+    boxes: bool = False,
+    min_visible: float = 0.25,
+    align: bool = False,
+    frames: Frames | None = None,
+    fps: float | None = None,
+) -> Evaluation:
+    """Score tracks against truth: CLEAR, IDF1, HOTA, position errors and significant errors.
+
+    With two folders, recordings are paired by name, scored one by one, then all together.
+
+    Example: planview evaluate out
+
+    Example of another truth: planview evaluate out/tracks.csv recording/truth.csv --json
+
+    Example on PETS: planview evaluate out/tracks.csv gt.txt --gate 1 --align --frames 0:399
+
+    Example on MOTChallenge: planview evaluate trackers/mine gt --boxes --fps 25
+
+    Args:
+        tracks: tracks.csv of a run, the folder of the run, trajectories in a format of planview export, or a folder of
+            these.
+        truth: truth.csv (frame,id,x_m,y_m,height_m[,visible][,facing_deg]), rows of PETS or MOTChallenge (gt.txt),
+            another format of planview export, or a folder of these; by default truth.csv of the run's recording.
+        gate: Largest distance on the floor of a match, in metres.
+        boxes: Match image boxes at IoU 0.5 instead of floor positions.
+        min_visible: Ignore truth rows less visible than this fraction, and tracks on them.
+        align: First align the tracks with the truth by a rotation and a shift on the floor (if their world frames
+            differ).
+        frames: First and last frame to score, e.g. 0:399, or 400 for the first 400.
+        fps: Frame rate where the tracks have no timestamps. [default: that of the run, else 30]
+
+    Returns:
+        The scores; ``to_json()`` gives every figure by name, ``recordings`` those of each of several recordings.
+
+    Raises:
+        InputError: a file that cannot be read, or rows without what the matching needs.
+        WorkError: no alignment is possible.
+    """
+    run = RunFolder.around(Path(tracks)) if isinstance(tracks, Path | str) else None
+    params = checked(
+        EvaluationParams,
+        gate_m=gate,
+        match_on="boxes" if boxes else "floor",
+        min_visible=min_visible,
+        align=align,
+        fps=fps or (run and run.info.fps) or 30.0,
+    )
+    span = None if frames is None else frame_span(frames)
+    if isinstance(tracks, Path | str) and isinstance(truth, Path | str | None):
+        found = Path(tracks)
+        pairs = file_pairs(found, truth_of(found) if truth is None else Path(truth))
+        results = {pair.name: _evaluate_pair(pair, params, span, fps is not None) for pair in pairs}
+        first, *others = results.values()
+        return replace(pooled([first, *others]), recordings=results) if others else first
+    rows, run = read_or_given(tracks)
+    if truth is None:
+        raise InputError("expected a truth for tracks that are not those of a run's folder, found None")
+    if isinstance(truth, Path | str):
+        truth = load_truth(truth_file(Path(truth)) or Path(truth))
+    if run is not None and span is None:
+        span = run.info.first_frame, max(run.info.first_frame, RunFolder(run.path, other_tracks=rows).n_frames - 1)
+    elif span is None and rows.n_frames:
+        span = 0, rows.n_frames - 1
+    return evaluate_tracks(rows, table_of(truth), params, span)
+
+
+def truth_of(tracks: Path) -> Path:
+    """The truth of the recording that a run tracked."""
+    run = RunFolder.around(tracks)
+    if run is None:
+        if not tracks.exists():
+            raise missing(tracks)
+        raise InputError(f"{tracks}: no truth given, and no run.json here names the recording; add the truth file")
+    if run.truth_file is None:
+        raise InputError(f"{run.recording} has no truth.csv; add the truth file")
+    return run.truth_file
+
+
+def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, int] | None, rated: bool) -> Evaluation:
+    if not rated and (rate := sequence_rate(pair.truth)) is not None:
+        params = params.model_copy(update={"fps": rate})
+    files = load_file(pair.tracks), load_file(pair.truth, truth=True)
+    found, true = (file.table for file in files)
+    if len(found) and len(true):
+        (first, last), (begin, end) = ((int(t.frame.min()), int(t.frame.max())) for t in (found, true))
+        if begin > last or end < first:
+            raise InputError(
+                f"{pair.truth}: expected truth of the frames {first} to {last} of {pair.tracks}, found {begin} to {end}"
+            )
+    run = RunFolder.around(pair.tracks)
+    size = sequence_size(pair.truth) if run is None else run.info.size_px
+    if params.match_on == "boxes" and size is not None:
+        for path, table in ((pair.tracks, found), (pair.truth, true)):
+            refuse_outside(table.box_px, size, str(path))
+    if run is not None:  # the frames that it read are scored, as its report does
+        run = RunFolder(run.path, pair.truth, found)
+        end, what = run.n_frames - 1, "are left out: the run ended there"
+    else:
+        end = int(found.frame.max(initial=-1))
+        what = f"count as misses, unless the frames are limited to 0:{max(end, 0)}"
+    beyond = int((true.frame > end).sum())
+    late = f"{beyond} truth rows lie after the last {'frame' if run else 'track'} (frame {end}) and {what}"
+    try:
+        result = evaluate_tracks(found, true, params, span) if run is None else run.evaluated(params, span)
+    except InputError as error:
+        raise error.about(f"{pair.tracks} and {pair.truth}") from error
+    uncovered = f"{pair.truth}: {result.uncovered}" if result.uncovered else ""
+    _note(_unfinished(pair.tracks), late if span is None and beyond else "", uncovered)
+    return result
+
+
+def _note(*notes: str) -> None:
+    for note in filter(None, notes):
+        warnings.warn(note, stacklevel=3)
+
+
+def _unfinished(tracks: Path) -> str:
+    note = unfinished_note(tracks)
+    return note and f"{note} (resuming the run finishes it)"
+
+
+_DEFAULTS = AnalyticsParams()
+
+
+def count(
+    tracks: Trajectories | DataFrame | Path | str,
+    rules: Rules | Path | str,
+    *,
+    camera: Path | str | None = None,
+    rig: Path | str | None = None,
+    truth: Path | str | None = None,
+    window: float = 1.0,
+    interval: float = _DEFAULTS.interval_s,
+    hysteresis: float = _DEFAULTS.hysteresis_m,
+    zone_hysteresis: float = _DEFAULTS.zone_hysteresis_m,
+    min_age: float = _DEFAULTS.min_age_s,
+    region: str | None = None,
+    ignore: str | None = None,
+    fps: float | None = None,
+    out: Path | str | None = None,
+) -> DataFrame:
+    """Count line crossings, zone occupancy and queues in tracks; write events.csv and counts.json.
+
+    Example: planview count out/tracks.csv --rules rules.toml --json
+
+    Example of rules.toml:
+        [[tripwire]]
+        name = "door"
+        from_m = [0, 2]
+        to_m = [1, 2]
+
+    Args:
+        tracks: tracks.csv of a run, the folder of the run, or trajectories in a format of planview export.
+        rules: rules.toml with tripwires, zones (in metres or in pixels) and queues.
+        camera: camera.toml that relates the pixels of rules to the floor.
+        rig: Calibration of a stereo rig, with world.toml next to it, for the same.
+        truth: True positions (truth.csv, gt.txt) or true events (as events.csv) to score the counts against.
+        window: Largest time between a true and a found crossing that match, in seconds.
+        interval: Length of the intervals of the totals, in seconds.
+        hysteresis: How far beyond a line people must be observed on both sides, in metres.
+        zone_hysteresis: How deep inside or outside a zone people must be observed to enter or leave it, in metres.
+        min_age: Ignore tracks until they are this old, in seconds.
+        region: Polygon in well-known text [m], or a file with it: rows outside are left out.
+        ignore: Polygon in well-known text [m], or a file with it: rows inside are left out.
+        fps: Frame rate where the tracks have no timestamps; that of the run when not given.
+        out: Folder for events.csv and counts.json; by default next to a file named tracks.csv, where counts of an
+            earlier call or of the run are replaced, with a message; else nowhere.
+
+    Returns:
+        A row per rule with its kind and totals; ``attrs`` has the object of counts.json, with intervals and scores, and
+        ``attrs["events"]`` the rows of events.csv.
+
+    Raises:
+        InputError: a file that cannot be read, or tracks without times or without a place in the plane of a rule.
+    """
+    params = checked(
+        AnalyticsParams, hysteresis_m=hysteresis, zone_hysteresis_m=zone_hysteresis, min_age_s=min_age,
+        interval_s=interval,
+    )  # fmt: skip
+    if not window > 0:
+        raise InputError(f"expected a time greater than 0 s, found {window}", argument="window")
+    path = tracks_file(Path(tracks)) if isinstance(tracks, Path | str) else None
+    file = load_file(path) if path is not None else TrajectoryFile(table_of(tracks))
+    found, run = limited(file, region, ignore).table, path and RunFolder.around(path)
+    clock = Clock(found, fps or (run.info.fps if run else None))
+    plane = _plane(path_of(camera), path_of(rig), run or None)
+    placed = rules if isinstance(rules, Rules) else rules_files.load_rules(Path(rules), plane)
+    _note((path and _unfinished(path)) or "", clock.jump(), placed.of_unknown_size, placed.unreached(found))
+    n_frames = run.info.frames_read + run.info.frames_skipped if run else 0
+    counts = count_tracks(found, placed, params, clock=clock, n_frames=n_frames)
+    counts = replace(counts, span=run.span) if run else counts
+    result = counts.to_json()
+    if truth is not None and _is_events(Path(truth)):
+        result["scores"] = score_events(read_events(Path(truth)), counts, window).to_json()
+    elif truth is not None:
+        true = count_truth(load_truth(Path(truth)), counts.rules, clock, params, n_frames)
+        result["scores"] = score_counts(true, counts, window).to_json()
+    if out is not None or path is not None:
+        _write_counts(path, path_of(out), counts.events, result)
+    return _totals(result, counts.events)
+
+
+def load_rules(path: Path | str, run: Path | str | None = None) -> Rules:
+    """Read rules.toml.
+
+    Args:
+        run: folder of the run whose tracks are counted: its camera relates pixels and metres, and its images have the
+            border at which lines in pixels end. Without it rules in pixels stay in the image.
+    Raises:
+        InputError: a file that cannot be read, or a rule outside the view.
+    """
+    return rules_files.load_rules(Path(path), RunFolder(Path(run)).rule_plane if run is not None else None)
+
+
+def _totals(result: dict[str, Any], events: Sequence[Event]) -> DataFrame:
+    import pandas  # half a second
+
+    rows = [
+        {"rule": name} | {key: value for key, value in values.items() if isinstance(value, str | int | float)}
+        for name, values in result["rules"].items()
+    ]
+    table = pandas.DataFrame(rows).set_index("rule")
+    table.attrs = {**result, "events": [vars(event) for event in events]}
+    return table
+
+
+def _write_counts(tracks: Path | None, folder: Path | None, events: Sequence[Event], result: dict[str, Any]) -> None:
+    """Write events.csv and counts.json to a folder, else next to our own tracks; never into a folder of input data."""
+    if folder is None:
+        if tracks is None or tracks.name != "tracks.csv" or not os.access(tracks.parent, os.W_OK):
+            _note("no events.csv and counts.json written: no folder was given for them")
+            return
+        folder = tracks.parent
+    files = [file for file in (folder / "events.csv", folder / "counts.json") if file.exists()]
+    rows = io.StringIO()
+    write_event_header(rows)
+    write_event_rows(rows, events)
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    write_result(folder / "events.csv", rows.getvalue())
+    write_result(folder / "counts.json", json.dumps(result, indent=2) + "\n")
+    if files:
+        _note(f"replaced {' and '.join(map(str, files))}")
+
+
+def _plane(camera: Path | None, rig: Path | None, run: RunFolder | None) -> RulePlane:
+    if camera is not None and rig is not None:
+        raise InputError("a camera and a rig cannot be combined")
+    if camera is not None:
+        return RulePlane(load_one_camera(camera))
+    if rig is not None:
+        return stereo_plane(rig)
+    return run.rule_plane if run is not None else RulePlane()
+
+
+def _is_events(path: Path) -> bool:
+    require_file(path, "truth or events")
+    try:
+        with path.open("rb") as file:
+            return b"rule" in file.readline(10_000).strip().split(b",")
+    except OSError as error:
+        raise InputError(f"{path}: expected truth or events, found {reason(error)}") from error

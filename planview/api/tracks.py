@@ -1,0 +1,228 @@
+"""Tracks changed, and written for other programs."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+from calib.errors import InputError
+from calib.io import read_text
+from planview.api.arguments import opening, path_of, table_of
+from planview.offline.refine import Refined
+from planview.output.finished import EditedRun, edit_run, refine_run, undo_edits
+from planview.output.run_folder import RunFolder
+from planview.trajectories.file import TrajectoryFile, limited, region_of
+from planview.trajectories.formats import FORMATS, ExportName, load_file, prepared, tracks_file, write_file
+from planview.trajectories.layouts import stream_jsonl
+from planview.trajectories.table import Trajectories, people_of
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+
+def edit(
+    out: Path | str,
+    *,
+    list: Path | str | None = None,
+    join: Sequence[str] = (),
+    split: Sequence[str] = (),
+    delete: Sequence[str] = (),
+    rename: Sequence[str] = (),
+    region: str | None = None,
+    ignore: str | None = None,
+    join_gaps: str | None = None,
+    shorter: float | None = None,
+    undo: bool = False,
+    undo_all: bool = False,
+) -> EditedRun:
+    """Join, split, delete and rename tracks of a finished run, one by one or by rule; every edit can be undone.
+
+    edits.json lists what was done, and tracks_before.csv keeps the tracks without any edit. Counts are not updated: run
+    planview count again. What is done follows the order of these options; ``list`` keeps the order of its lines, and
+    comes first.
+
+    Example: planview edit out --join 3:7 --split 5@120 --delete 9
+
+    Example by rule: planview edit out --join-gaps 2:0.6 --shorter 1 --ignore "POLYGON ((0 0, 2 0, 2 1, 0 1))"
+
+    Example: planview edit out --undo
+
+    Args:
+        out: Folder of a finished run.
+        list: File with an edit per line: "join 3 7", "split 5 120", "delete 9", "delete 9 100 200", "rename 4 12",
+            "shorter 1.0", "join-gaps 2.0 0.6", "region POLYGON ((...))", "ignore POLYGON ((...))"; # begins a comment.
+        join: A:B makes track B part of track A.
+        split: ID@FRAME gives a track a new id from the frame on.
+        delete: ID deletes a track, ID@FIRST:LAST its rows of these frames.
+        rename: ID:NEW gives a track another id.
+        region: Polygon in well-known text [m], or a file with it: rows outside are left out.
+        ignore: Polygon in well-known text [m], or a file with it: rows inside are left out.
+        join_gaps: SECONDS:METRES joins tracks that begin within this time and distance of another one's end, nearest
+            first.
+        shorter: Delete tracks that were confirmed for less, in seconds.
+        undo: Undo the last call; after all edits, the refinement.
+        undo_all: Undo all calls and the refinement: tracks.csv is as the tracker wrote it.
+
+    Raises:
+        InputError: no finished run in the folder, another process writes there, or an edit that cannot be applied.
+    """
+    lines = _listed(path_of(list))
+    for kind, edits in {"join": join, "split": split, "delete": delete, "rename": rename}.items():
+        lines += [_by_id(kind, edit) for edit in edits]
+    for kind, text in {"region": region, "ignore": ignore}.items():
+        lines += [f"{kind} {region_of(text, f'{kind}=').wkt}"] if text is not None else []
+    lines += [f"join-gaps {join_gaps.replace(':', ' ')}"] if join_gaps is not None else []
+    lines += [f"shorter {shorter:g}"] if shorter is not None else []
+    if undo + undo_all + bool(lines) > 1:
+        raise InputError("edits, undo and undo-all cannot be combined")
+    if not (undo or undo_all or lines):
+        raise InputError("expected an edit, e.g. a track to delete, found none")
+    return undo_edits(Path(out), everything=undo_all) if undo or undo_all else edit_run(Path(out), lines)
+
+
+_BY_ID = {
+    "join": ("A:B", r"\d+:\d+"),
+    "split": ("ID@FRAME", r"\d+@\d+"),
+    "delete": ("ID or ID@FIRST:LAST", r"\d+(@\d+:\d+)?"),
+    "rename": ("ID:NEW", r"\d+:\d+"),
+}
+"""How arguments that name tracks are written."""
+
+
+def _by_id(kind: str, edit: str) -> str:
+    form, pattern = _BY_ID[kind]
+    if not re.fullmatch(pattern, edit := str(edit)):
+        raise InputError(f"expected {form}, found {edit!r}", argument=kind)
+    return f"{kind} {re.sub('[:@]', ' ', edit)}"
+
+
+def _listed(file: Path | None) -> list[str]:
+    text = "" if file is None else read_text(file, "a list of edits")
+    return [line for row in text.splitlines() if (line := row.partition("#")[0].strip())]
+
+
+def refine(out: Path | str) -> Refined:
+    """Improve the tracks of a finished run by the whole recording: fragments of one person are joined, paths smoothed.
+
+    tracks_online.csv keeps the tracks as they were; refinement.csv gives the reason of every change. planview edit
+    --undo takes the refinement back. It comes before edits.
+
+    Example: planview refine out
+
+    Args:
+        out: Folder of a finished run.
+
+    Returns:
+        The tracks, and every change.
+
+    Raises:
+        InputError: no finished run in the folder, an edited one, or tracks without floor positions.
+    """
+    return refine_run(Path(out))[0]
+
+
+class Exported(NamedTuple):
+    """What was written: rows of people, or points of a cloud."""
+
+    path: Path
+    rows: int
+    people: int = 0
+    fps: float = 0.0
+
+
+def export(
+    tracks: Trajectories | DataFrame | Path | str,
+    to: ExportName | None = None,
+    *,
+    out: Path | str | None = None,
+    unit: Literal["m", "cm"] = "m",
+    fps: float | None = None,
+    area: str | None = None,
+    region: str | None = None,
+    ignore: str | None = None,
+    lost: bool = False,
+    overwrite: bool = False,
+    cloud: Path | str | None = None,
+    calibration: Path | str | None = None,
+) -> Exported:
+    """Write tracks in the format of another program: pedpy (PeTrack text), ped-data-archive (HDF5), jupedsim (sqlite),
+    motchallenge, parquet, csv or jsonl; or the scene they walk in.
+
+    Parquet, CSV and JSON lines hold every row with its state, the other formats confirmed rows only.
+
+    Example: planview export out --to pedpy --out tracks.txt
+
+    Example of one room: planview export out --to csv --region "POLYGON ((0 0, 4 0, 4 3, 0 3, 0 0))"
+
+    Example of a stream: planview export out --to jsonl --out - | head
+
+    Example of the scene, in metres on the axes of the tracks: planview export out --cloud scene.ply
+
+    Args:
+        tracks: Folder of a run, its tracks.csv, or trajectories in any of the formats; with ``cloud`` the folder of a
+            run whose recording is still where it was, or a recording.
+        to: Format to write.
+        out: File to write; next to the tracks by default, named after the format. - writes JSON lines to standard
+            output.
+        unit: Unit of a PedPy text file.
+        fps: Frame rate written; that of the timestamps by default.
+        area: Walkable area as well-known text in metres, or a file with it, e.g. "POLYGON ((0 0, 4 0, 4 3, 0 3, 0 0))";
+            that of the trajectories by default, else the rectangle 1 m around them.
+        region: Polygon in well-known text [m], or a file with it: rows outside are left out.
+        ignore: Polygon in well-known text [m], or a file with it: rows inside are left out.
+        lost: Formats without states also get rows in which a person was hidden and only predicted.
+        overwrite: Replace a file that is there.
+        cloud: Write the static scene as a coloured cloud of points to this file (.ply, .pcd or .xyz), instead of
+            tracks.
+        calibration: Calibration of the recording, for ``cloud``, if it is not in it.
+
+    Raises:
+        InputError: a file that cannot be read, one that is there already, or tracks that the format cannot hold.
+        WorkError: the file cannot be written.
+    """
+    source = Path(tracks) if isinstance(tracks, Path | str) else None
+    if cloud is not None and to is None and source is not None:
+        from planview.output.render import scene_of, write_cloud  # the engine's parts take half a second
+
+        _refuse_existing(Path(cloud), source, overwrite)
+        return Exported(Path(cloud), write_cloud(Path(cloud), scene_of(source, opening(calibration))))
+    if to is None or cloud is not None:
+        raise InputError(f"expected a format ({', '.join(FORMATS)}), or a file for the cloud of a run", argument="to")
+    if fps is not None and not 0 < fps <= 10_000:
+        raise InputError(f"expected a rate above 0, found {fps:g}", argument="fps")
+    file = tracks_file(source) if source is not None else None
+    walkable = region_of(area, "area=").wkt if area else None
+    try:
+        found = load_file(file) if file is not None else TrajectoryFile(table_of(tracks))
+        written = prepared(limited(found, region, ignore), to, fps=fps, area=walkable, lost=lost)
+    except InputError as error:
+        raise error if file is None or str(file) in str(error) else error.about(str(file)) from error
+    if file is None and out is None:
+        raise InputError("expected a file for a table of tracks, found None", argument="out")
+    path = Path(out) if out is not None else file.with_name(f"{file.stem}_{to}{FORMATS[to].suffix}")  # type: ignore[union-attr]
+    run, rate = source and RunFolder.around(source), written.fps or 0.0
+    exported = Exported(path, len(written.table), _people(written, run.frame_s if run else 1 / rate), rate)
+    if path == Path("-"):
+        if to != "jsonl":
+            raise InputError(f"only jsonl can be written to standard output, not {to}")
+        stream_jsonl(sys.stdout, written.table)
+        return exported
+    _refuse_existing(path, file, overwrite)
+    write_file(path, written, to, unit)
+    return exported
+
+
+def _people(file: TrajectoryFile, frame_s: float) -> int:
+    return len(people_of(file.table, frame_s))
+
+
+def _refuse_existing(out: Path, source: Path | None, overwrite: bool) -> None:
+    if source is not None and out.exists() and out.resolve() == source.resolve():
+        raise InputError(f"{out} is the file that is read; choose another")
+    if out.is_dir():
+        raise InputError(f"{out} is a folder; name a file")
+    if out.exists() and not overwrite:
+        raise InputError(f"{out}: exists; choose another file, or overwrite it", remedy="overwrite=True")

@@ -1,0 +1,35 @@
+"""``planview check``: what a recording holds, and whether it can be trusted."""
+
+from __future__ import annotations
+
+import shlex
+
+from calib.errors import WorkError
+from planview.api import check as api
+from planview.commands.options import say, typed
+from planview.commands.shell import JSON, Call, command
+from planview.output.progress import PlainConsole
+
+
+@command(api.check, own=JSON)
+def check(call: Call) -> None:
+    result = call()
+    recording = shlex.quote(str(call["recording"]))
+    if isinstance(result, api.RecordingContents):
+        result.found["missing"] = [typed(error) for error in result.missing]
+    if not call.prints_json(result.to_json()):
+        PlainConsole(soft_wrap=not call["quick"], highlight=False).print(result)
+        if call["quick"] and not result.missing:
+            PlainConsole(highlight=False).print(f"next         planview run {recording} --out out --rrd")
+    if isinstance(result, api.RecordingContents):
+        return
+    for path in result.files:
+        say(f"wrote {path}")
+    if call["out"] and not result.files:
+        say(f"{call['out']}: no pictures, which show a pair or depth")
+    if result.correction:
+        way = f"planview check {recording} --corrected-rig rig.toml writes the corrected calibration"
+        say(f"{result.correction}: {f'wrote {rig}' if (rig := call['corrected_rig']) else way}")
+    if failed := [check.name for check in result.checks if check.failed]:
+        count = f"{len(failed)} of {len(result.checks)} checks failed"
+        raise WorkError(f"{call['recording']}: {count}: {', '.join(failed)}")

@@ -1,0 +1,136 @@
+"""A command made from a public function, whose signature and docstring give its arguments, defaults and help."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import json
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from operator import or_
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, get_args, get_origin
+
+from cyclopts import Group, Parameter
+
+Flag = Annotated[bool, Parameter(negative="")]
+"""A switch that is off unless it is given; there is no --no-... of it."""
+JSON = {"json": "Print one JSON object to standard output."}
+"""The switch of commands whose result can be printed for programs."""
+
+
+@dataclass(frozen=True)
+class Call:
+    """A command as it was typed; calling it calls the public function, and an argument is found by its name.
+
+    Attributes:
+        own: options of the command line alone, which decide what is printed.
+    """
+
+    function: Callable[..., Any]
+    bound: inspect.BoundArguments
+    own: dict[str, Any]
+
+    def __call__(self) -> Any:
+        return self.function(*self.bound.args, **self.bound.kwargs)
+
+    def __getitem__(self, name: str) -> Any:
+        return self.bound.arguments[name]
+
+    def prints_json(self, value: object) -> bool:
+        """Print the value where --json asks for it; whether it did."""
+        if self.own["json"]:
+            print(json.dumps(value, indent=2))
+        return bool(self.own["json"])
+
+
+def command(
+    function: Callable[..., Any],
+    *,
+    options: Sequence[str] = (),
+    types: Mapping[str, Any] | None = None,
+    names: Mapping[str, str | Sequence[str]] | None = None,
+    groups: Mapping[str, str] | None = None,
+    own: Mapping[str, str] | None = None,
+) -> Callable[[Callable[[Call], None]], Callable[..., None]]:
+    """Make a command of a function and of what prints its result.
+
+    Args:
+        options: arguments that are options, though Python takes them by position.
+        types: what words become, where the annotation does not say it; None leaves an argument to Python.
+        names: all names of an option that has several.
+        groups: titles in the help, with the names of their options.
+        own: switches of the command line alone, with their help.
+    """
+    signature, own = inspect.signature(function), own or {}
+    group_of = {
+        name: Group(title, sort_key=place)
+        for place, (title, members) in enumerate((groups or {}).items())
+        for name in members.split()
+    }
+    switches = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False) for name in own]
+    shown = []
+    for one in [*signature.parameters.values(), *switches]:
+        if one.name in own:
+            kind: Any = Annotated[bool, Parameter(negative="", help=own[one.name])]
+        elif one.name in (types or {}):
+            kind = (types or {})[one.name]
+        else:
+            kind = _typed(str(one.annotation), function)
+        if kind is None:
+            continue
+        if one.name in group_of:
+            kind = Annotated[kind, Parameter(group=group_of[one.name])]
+        if names and one.name in names:
+            kind = Annotated[kind, Parameter(name=names[one.name])]
+        place = one.POSITIONAL_ONLY if one.kind is one.POSITIONAL_OR_KEYWORD else one.kind
+        shown.append(one.replace(kind=one.KEYWORD_ONLY if one.name in options else place, annotation=kind))
+    shown.sort(key=lambda one: one.kind)
+
+    def of(show: Callable[[Call], None]) -> Callable[..., None]:
+        def run(*args: Any, **kwargs: Any) -> None:
+            switched = {name: bool(kwargs.pop(name, False)) for name in own}
+            bound = signature.bind(*args, **kwargs)
+            bound.apply_defaults()
+            show(Call(function, bound, switched))
+
+        run.__name__, run.__doc__ = function.__name__, _help(function.__doc__ or "", signature)
+        run.__signature__ = inspect.Signature(shown)  # type: ignore[attr-defined]
+        run.__annotations__ = {one.name: one.annotation for one in shown}
+        return run
+
+    return of
+
+
+def _help(doc: str, signature: inspect.Signature) -> str:
+    """A docstring with options in place of arguments."""
+    options = {name: f"--{name.replace('_', '-')}" for name in signature.parameters}
+    return re.sub(r"``(\w+)``", lambda word: options.get(word[1], word[0]), doc)
+
+
+def _typed(annotation: str, function: Callable[..., Any]) -> Any:
+    """The part of an annotation that words can give, e.g. the path of a path, a text or a table; None where they cannot
+    give any."""
+    parts, left = list[Any](), [ast.parse(annotation, mode="eval").body]
+    while left:
+        node = left.pop()
+        if isinstance(node, ast.BinOp):
+            left += [node.right, node.left]
+            continue
+        try:
+            part = eval(ast.unparse(node), function.__globals__)
+        except NameError:  # imported for type checkers only
+            continue
+        parts += get_args(part) if isinstance(part, UnionType) else [part]
+    given = [part for part in parts if part is bool or get_origin(part) in (Literal, Sequence)]
+    given = given or [kind for kind in (Path, str, float, int) if kind in parts][:1]
+    if not given:
+        return None
+    if given == [bool]:
+        return Flag
+    if given == [Sequence[str]]:
+        return Annotated[Sequence[str], Parameter(negative="")]
+    return reduce(or_, given + [NoneType] * (None in parts))
