@@ -121,7 +121,7 @@ def _in_folder(folder: Path) -> Found:
         what = next(filter(None, map(arrays_text, entries(folder))), "none" + f" ({', '.join(seen[:3])})" * bool(seen))
         what = f"only half of a pair ({halves[0][2].path.name})" if halves else what
         what = closed_text(_files(folder)) or what
-        raise InputError(f"{folder}: expected a stereo calibration in it, found {what}")
+        raise InputError(f"{folder}: expected a stereo calibration in it, found {what}", remedy="calibration")
     names = ", ".join("+".join(s.path.name for s in sources) for _, sources in rigs[:4])
     raise InputError(f"{folder}: expected one calibration in it, found {len(rigs)} ({names}): name the file")
 

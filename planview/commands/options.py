@@ -18,6 +18,13 @@ def typed(error: InputError) -> str:
     if error.remedy == "camera" or isinstance(error, LensOnlyError):
         focal = f" --focal {error.focal_px:.0f}" if isinstance(error, LensOnlyError) else ""
         sentence += f" (planview calibrate human VIDEO --auto{focal} --out camera.toml writes one)"
+    if error.remedy == "calibration":
+        sentence += (
+            " FILE with one (of planview, OpenCV, Kalibr, ROS, ZED or DepthAI); or planview calibrate board PHOTOS "
+            "--square 24mm --out rig.toml makes one from photos of a chessboard in both cameras; or track one camera: "
+            "planview calibrate human VIDEO --auto --out camera.toml, then planview run VIDEO --tracker human-model "
+            "--calibration camera.toml --out out"
+        )
     if error.remedy == "tracker":
         sentence += " ellipse-particle, or --tracker human-model and --calibration camera.toml"
     return sentence
