@@ -1,6 +1,8 @@
 """Python and rules of docs/ are taken as they stand, commands are parsed; ``make commands`` runs these, and
 test_examples.py the example of README.md."""
 
+import ast
+import inspect
 import re
 import shutil
 from pathlib import Path
@@ -8,6 +10,7 @@ from pathlib import Path
 import pytest
 from short_clip import ROOT
 
+import planview
 from planview.cli import main, make_app
 from planview.counting.rules import load_rules
 from tools.typed import CANNOT_RUN, PAGES, RULES, blocks, commands, words
@@ -27,6 +30,24 @@ def test_command_of_the_documents_has_these_options(command: str) -> None:
     app = make_app(words(command))
     function, _, unused = app.parse_args(words(command), exit_on_error=False, print_error=False)
     assert callable(function) and not unused
+
+
+CALLS = sorted(
+    {
+        call
+        for page in PAGES
+        for call in re.findall(r"`(?:\w+ = )?(planview\.[^`]*\))`", page.read_text(encoding="utf-8"))
+        if "..." not in call
+    }
+)
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_call_in_the_text_of_the_documents_has_these_arguments(call: str) -> None:
+    outer = ast.parse(call, mode="eval").body
+    for node in (node for node in ast.walk(outer) if isinstance(node, ast.Call)):
+        function = eval(ast.unparse(node.func), {"planview": planview})
+        inspect.signature(function).bind(*node.args, **{str(one.arg): one.value for one in node.keywords})
 
 
 def test_messages_in_troubleshooting_are_those_of_the_program() -> None:
