@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
-import sysconfig
-from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 
-from calib.errors import InputError, WorkError
-from calib.io import missing, reason
+from calib.errors import InputError
+from calib.io import missing
 from planview.output.folder import rrd_parts
 from planview.output.progress import PlainConsole
+from planview.output.viewer import PORT, WEB_PORT, Viewer
 
 
-def view(folder: Path | str, *, port: int = 9876, web: bool = False, web_port: int = 9090) -> None:
+def view(folder: Path | str, *, port: int = PORT, web: bool = False, web_port: int = WEB_PORT) -> None:
     """Open a run in the rerun viewer, which listens on this machine only and sends no usage statistics.
 
     Example: planview view out
@@ -44,21 +40,11 @@ def view(folder: Path | str, *, port: int = 9876, web: bool = False, web_port: i
     parts = [recording] if folder.suffix == ".rrd" else rrd_parts(recording)
     for part in parts:
         refuse_broken(part)
-    viewer = Path(sysconfig.get_path("scripts")) / "rerun"
-    command = [str(viewer), "--bind", "127.0.0.1", "--port", str(port)]
-    if web:
-        command += ["--serve-web", "--web-viewer-port", str(web_port), "--server-memory-limit", "75%"]
-        data = f"rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{port}%2Fproxy"
-        PlainConsole(stderr=True, soft_wrap=True, highlight=False).print(
-            f"open http://127.0.0.1:{web_port}/?url={data}   (Ctrl-C ends it)"
-        )
-    try:
-        status = _viewed([*command, *map(str, parts)])
-    except OSError as error:
-        raise WorkError(f"the rerun viewer cannot be started ({reason(error)}); is rerun-sdk installed?") from error
-    if status != 0:
-        hint = "is the port free?" if web else "it needs a display and a graphics driver; a browser needs none"
-        raise WorkError(f"the rerun viewer ended with status {status} ({hint})")
+    viewer = Viewer(parts, web=web, port=port, web_port=web_port)
+    if viewer.page:
+        console = PlainConsole(stderr=True, soft_wrap=True, highlight=False)
+        console.print(f"open {viewer.page}   (Ctrl-C ends it)")
+    viewer.wait()
 
 
 def refuse_broken(part: Path) -> None:
@@ -77,19 +63,3 @@ def refuse_broken(part: Path) -> None:
         found = f"one that was cut off: rerun rrd merge {part} -o whole.rrd recovers what is there"
     if found:
         raise InputError(f"{part}: expected a rerun recording, found {found}")
-
-
-def _viewed(command: list[str]) -> int:
-    """Exit status of the viewer; whatever ends the wait, it and the processes that it started end, too."""
-    viewer = subprocess.Popen(command, env=quiet_environment(), start_new_session=True)
-    try:
-        return viewer.wait()
-    finally:
-        with suppress(OSError):
-            os.killpg(viewer.pid, signal.SIGTERM)
-        viewer.wait()
-
-
-def quiet_environment() -> dict[str, str]:
-    """Variables under which rerun's programs send no usage statistics: they send none where ``CI`` is set."""
-    return {**{k: v for k, v in os.environ.items() if k != "FORCE_RERUN_ANALYTICS"}, "CI": "1"}

@@ -7,6 +7,7 @@ import sys
 import time
 from importlib.metadata import version
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -14,8 +15,7 @@ import pytest
 
 import planview.tracking
 from calib.errors import InputError
-from planview.api import view as viewer
-from planview.api.view import quiet_environment
+from planview.api.view import view
 from planview.cli import main
 from planview.counting.events import Event
 from planview.drawing.style import as_bgr
@@ -28,6 +28,7 @@ from planview.output.report.page import write_report
 from planview.output.rerun_shapes import MAP_LAYERS, mosaic, outlines
 from planview.output.run import RunOptions, run
 from planview.output.run_folder import RunFolder
+from planview.output.viewer import quiet_environment
 from planview.trajectories.plot import person_rgb
 from stereo.readers import OpenOptions
 
@@ -158,14 +159,14 @@ def test_viewer_sends_no_statistics(monkeypatch):
 def test_web_view_listens_on_this_machine_only(tmp_path, monkeypatch, capsys):
     called: list[list[str]] = []
 
-    def viewed(words: list[str]) -> int:
+    def started(words: list[str], **_: object) -> SimpleNamespace:
         called.append(words)
-        return 0
+        return SimpleNamespace(wait=lambda: 0, pid=2**30)  # of no process
 
-    monkeypatch.setattr(viewer, "_viewed", viewed)
+    monkeypatch.setattr(subprocess, "Popen", started)
     major, minor = map(int, version("rerun-sdk").split(".")[:2])
     (tmp_path / "run.rrd").write_bytes(b"RRF2" + bytes([major, minor, 0, 0]) + b"RRF2FOOT" + bytes(4))
-    viewer.view(tmp_path, web=True, web_port=9191)
+    view(tmp_path, web=True, web_port=9191)
     assert called[0][1:3] == ["--bind", "127.0.0.1"] and "--serve-web" in called[0]
     assert "http://127.0.0.1:9191" in capsys.readouterr().err
 
@@ -176,9 +177,10 @@ def test_viewer_and_what_it_started_end_with_the_command(tmp_path):
         "pathlib.Path(__file__).with_name('pid').write_text(str(os.getpid()))\n"
         "time.sleep(60)\n"
     )
-    child = f"import subprocess, sys; subprocess.run([sys.executable, {str(tmp_path / 'child.py')!r}])"
-    code = "import sys; from planview.api.view import _viewed; from planview.cli import _stop_on_signals\n"
-    code += f"_stop_on_signals(); _viewed([sys.executable, '-c', {child!r}])"
+    (tmp_path / "rerun").write_text(f"#!/bin/sh\n{sys.executable} {tmp_path / 'child.py'}\n")
+    (tmp_path / "rerun").chmod(0o755)
+    code = "from planview.output import viewer; from planview.cli import _stop_on_signals; _stop_on_signals()\n"
+    code += f"viewer.sysconfig.get_path = lambda _: {str(tmp_path)!r}; viewer.Viewer().wait()"
     command_line = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL)
     until = time.monotonic() + 30
     while not (tmp_path / "pid").is_file() or not (tmp_path / "pid").read_text():
