@@ -1,0 +1,87 @@
+"""Commands as public functions: one name and one default, in Python and on the command line."""
+
+import inspect
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from toy_recordings import write_frames
+
+import planview
+from calib.errors import InputError
+from planview.api.arguments import frame_span, settings
+from planview.cli import CALIBRATE, COMMANDS, main, make_app
+from planview.commands.options import typed
+
+NOT_FUNCTIONS = {"demo", "sweep"}
+NAMES = [name for group in COMMANDS.values() for name in group if name not in NOT_FUNCTIONS]
+
+
+@pytest.mark.parametrize("words", [*([name] for name in NAMES), *(["calibrate", name] for name in CALIBRATE)], ids=str)
+def test_options_of_a_command_are_arguments_of_the_function_of_its_name(words: list[str]) -> None:
+    function = getattr(planview.calibrate, words[1]) if len(words) > 1 else getattr(planview, words[0])
+    command = make_app()[words[0]] if len(words) == 1 else make_app()["calibrate"][words[1]]
+    options = {argument.field_info.name for argument in command.assemble_argument_collection()}
+    arguments = inspect.signature(function).parameters
+    assert options - {"json", "all", "print_config"} <= arguments.keys()
+    assert arguments.keys() - options <= {"camera", "matcher", "watch"}
+
+
+def test_parameters_are_tables_or_dotted_names_or_a_file_changed_by_set(tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_text("[foreground]\nbeta = 4\n")
+    expected = settings({"foreground": {"beta": 4}})
+    assert expected == settings({"foreground.beta": 4}) == settings(tmp_path / "c.toml")
+    assert settings({"seed": 3}, ["foreground.beta=4"]) == expected.model_copy(update={"seed": 3})
+    with pytest.raises(InputError, match=r"config=: .*did you mean foreground\.beta"):
+        settings({"foreground.bta": 4})
+
+
+@pytest.mark.parametrize(("frames", "span"), [(5, (0, 4)), ("5", (0, 4)), ("2:7", (2, 7)), ((2, 7), (2, 7))])
+def test_frames_are_the_first_or_from_one_to_another(
+    frames: int | str | tuple[int, int], span: tuple[int, int]
+) -> None:
+    assert frame_span(frames) == span
+
+
+def test_arguments_at_the_beginning_of_a_sentence_are_shown_as_options() -> None:
+    assert typed(InputError("image_size=: expected WxH")) == "--image-size: expected WxH"
+
+
+def test_two_videos_without_calibration_say_how_to_get_one(tmp_path: Path, refused) -> None:
+    for name in ("left.avi", "right.avi"):
+        write_frames(tmp_path / name, [np.zeros((48, 64, 3), np.uint8)] * 4)
+    sentence = refused("run", tmp_path / "left.avi", tmp_path / "right.avi", "--out", tmp_path / "out")
+    ways = ("--calibration FILE", "planview calibrate board PHOTOS", "planview calibrate human VIDEO")
+    assert all(way in sentence for way in ways)
+
+
+def test_parameters_in_a_pipe_are_a_line_each_and_have_their_units(capsys, json_of) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        main(["params", "maps"])
+    rows = [line.split("\t") for line in capsys.readouterr().out.splitlines()]
+    assert {len(row) for row in rows} == {4} and ["maps.cell_m", "0.04", "m"] in [row[:3] for row in rows]
+    assert json_of("params", "maps.cell_m")["maps.cell_m"]["unit"] == "m"
+    assert planview.params("maps.cell_m")[0].default == "0.04"
+
+
+def test_evaluation_prints_what_papers_print_and_no_figure_twice(tmp_path: Path, capsys) -> None:
+    rows = "".join(f"{t},{t / 10},1,1.0,{t / 10:.1f},1.7,confirmed\n" for t in range(40))
+    (tmp_path / "tracks.csv").write_text("frame,timestamp_s,id,x_m,y_m,height_m,state\n" + rows)
+    truth = tmp_path / "truth.csv"
+    truth.write_text("frame,id,x_m,y_m,height_m\n" + "".join(f"{t},7,1.0,{t / 10:.1f},1.7\n" for t in range(40)))
+    printed = []
+    for words in ([], ["--all"]):
+        with pytest.raises(SystemExit, match="0"):
+            main(["evaluate", str(tmp_path), str(truth), *words])
+        printed.append(capsys.readouterr().out)
+    assert all(text.count(name) == 1 for text in printed for name in ("MOTA", "IDF1", "positions missed"))
+    assert "group" not in printed[0] and "group" in printed[1]
+
+
+def test_checks_read_like_their_table(tmp_path: Path) -> None:
+    (tmp_path / "left").mkdir()
+    found = planview.check(tmp_path)
+    lines = repr(found).splitlines()
+    assert lines[0].startswith("Results of this recording cannot be trusted: 1 of 1 checks failed")
+    assert not json.dumps(found.to_json()).count("true") and "\x1b" not in repr(found)
