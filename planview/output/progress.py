@@ -87,7 +87,8 @@ def summary(console: Console, info: RunInfo, folder: Path) -> None:
     table.add_row("people seen", str(info.people) + (f": {info.remark}" if info.remark else ""))
     skipped = f", {info.frames_skipped} skipped ({info.skipped[0].why})" if info.skipped else ""
     rate = info.frames_read / info.elapsed_s if info.elapsed_s else 0.0
-    table.add_row("frames", f"{info.frames_read} read{skipped}, {rate:.1f} per second, results written")
+    begun = f" from frame {info.first_frame} on, where the background starts" if info.first_frame else ""
+    table.add_row("frames", f"{info.frames_read} read{begun}{skipped}, {rate:.1f} per second, results written")
     for note in info.notes:
         table.add_row("note", note)
     if info.rig and info.rig.correction:
@@ -106,6 +107,6 @@ def summary(console: Console, info: RunInfo, folder: Path) -> None:
 def as_text(renderable: RenderableType) -> str:
     """What a console would print, as plain text for ``repr``, also in a notebook."""
     file = io.StringIO()
-    plain: dict[str, Any] = {"force_jupyter": False, "force_terminal": False, "color_system": None}
-    PlainConsole(file=file, width=120, highlight=False, **plain).print(renderable)
+    console = PlainConsole(file=file, width=120, highlight=False, force_jupyter=False, force_terminal=False)
+    console.print(renderable)
     return file.getvalue().rstrip()
