@@ -15,6 +15,7 @@ from planview.api.run import run as run
 from planview.api.scores import count as count
 from planview.api.scores import evaluate as evaluate
 from planview.api.scores import load_rules as load_rules
+from planview.api.sweep import sweep as sweep
 from planview.api.tools import params as params
 from planview.api.tools import synth as synth
 from planview.api.tracks import edit as edit

@@ -30,7 +30,7 @@ GROUPS = {
 }
 """Rooms of the names under each title."""
 EXAMPLES = {
-    "What the commands do": """Every command is a function of the same name with the same arguments:
+    "What the commands do": """Every command but `demo` is a function of the same name with the same arguments:
 `planview run X --out Y --fps 15` is `planview.run("X", out="Y", fps=15)`.
 
 ```python
@@ -222,7 +222,7 @@ def _room(module: str) -> str:
 def _directive(module: str, name: str) -> str:
     value = getattr(planview, name)
     if inspect.ismodule(value):
-        return f"::: {value.__name__}\n    options: {{members: true}}\n"
+        return "\n".join(f"::: {getattr(value, one).__module__}.{one}\n" for one in value.__all__)
     home = getattr(value, "__module__", module) if isinstance(value, type) or inspect.isfunction(value) else module
     return f"::: {home}.{name}\n"
 

@@ -39,7 +39,7 @@ from stereo.matcher import Matcher
 
 @dataclass(frozen=True)
 class _Written:
-    """What a run writes, and how it goes on."""
+    """What a run tracks and writes, and whether it resumes."""
 
     out: Path | None
     rules: Path | None

@@ -36,7 +36,7 @@ from planview.output.finished import TRACKS_BEFORE, read_steps
 from planview.output.folder import read_run_info
 from planview.output.report.snapshots import read_decision_log
 from planview.output.run_folder import read_object
-from planview.sweep.study import load_study
+from planview.studies.study import load_study
 from planview.synthetic.scene import load_scene
 from planview.trajectories.boxes import load_detections
 from planview.trajectories.file import TrajectoryFile

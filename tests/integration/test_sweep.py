@@ -27,7 +27,7 @@ def worker() -> Iterator[None]:
     """One Dask worker in this process does all runs: it starts at once."""
     local = LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None)
     with local as cluster, pytest.MonkeyPatch.context() as patch:
-        patch.setattr("planview.commands.sweep.workers", lambda *_: Client(cluster))
+        patch.setattr("planview.api.sweep.workers", lambda *_: Client(cluster))
         yield
 
 

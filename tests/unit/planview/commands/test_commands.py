@@ -23,10 +23,10 @@ from calib.world import load_world
 from planview.api.calibrate_pair import parse_board, parse_square
 from planview.api.calibrate_pose import parse_points
 from planview.api.run import is_of_one_camera
+from planview.api.sweep import sweep, varied
 from planview.cli import main
 from planview.commands.check import check
 from planview.commands.options import typed
-from planview.commands.sweep import SweepOptions, sweep, varied
 from planview.counting.events import read_events
 from planview.engine.config import load_config
 from planview.synthetic.scene import load_scene
@@ -325,8 +325,8 @@ def test_varied_values_are_those_of_a_parameter_and_seeds_those_of_the_study() -
 
 
 def test_sweep_without_a_process_is_refused(tmp_path) -> None:
-    with pytest.raises(InputError, match="--jobs: expected 1 or more"):
-        sweep([tmp_path], options=SweepOptions(out=tmp_path / "out", jobs=0))
+    with pytest.raises(InputError, match="jobs=: expected 1 to"):
+        sweep(tmp_path, out=tmp_path / "out", jobs=0)
 
 
 @pytest.mark.parametrize(

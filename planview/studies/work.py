@@ -29,9 +29,9 @@ from planview.output.resume import code_version, content_key, key_of
 from planview.output.run import RunOptions, run
 from planview.output.run_folder import read_object
 from planview.output.tables import MapsLog
-from planview.sweep.results import JobResult, Ranked, ranked, study_page, summary_csv
-from planview.sweep.study import Configuration, RecordingEntry, Study, run_figures
-from planview.sweep.workers import Done, on_workers
+from planview.studies.results import JobResult, Ranked, ranked, study_page, summary_csv
+from planview.studies.study import Configuration, RecordingEntry, Study, run_figures
+from planview.studies.workers import Done, on_workers
 from planview.trajectories.formats import load_tracks, load_truth, truth_file
 from stereo.readers import OpenOptions, holds_pair
 from stereo.readers.open import is_multi_rig, rigs_file

@@ -12,7 +12,7 @@ import numpy as np
 
 from planview.drawing.style import page_of
 from planview.output.report.plots import Picture, new_figure, picture, plain_text, png_bytes
-from planview.sweep.study import FIGURES, Configuration, FigureName, Study
+from planview.studies.study import FIGURES, Configuration, FigureName, Study
 
 if TYPE_CHECKING:
     from pandas import DataFrame, Series
@@ -225,7 +225,7 @@ def study_page(study: Study, runs: Sequence[JobResult], ranking: Sequence[Ranked
     stopped = f", {study.frames} frames of each recording" if study.frames else ""
     about = f"{study.tracker}, {study.method}{stopped}, ranked by {FIGURES[study.objective].label}"
     return page_of(
-        "planview.sweep", "study.html.j2", runs=runs, ranking=ranking, objective=study.objective, figures=FIGURES,
+        "planview.studies", "study.html.j2", runs=runs, ranking=ranking, objective=study.objective, figures=FIGURES,
         title=title, about=about, pictures=_pictures(study, runs, ranking),
         failed=[run for run in runs if run.error], rows_max=ROWS_MAX, level=LEVEL, draws=BOOTSTRAP_DRAWS,
         columns=[name for name in FIGURES if any(name in row.figures for row in ranking)],

@@ -14,10 +14,10 @@ from pandas import MultiIndex, Series
 import planview
 from calib.errors import InputError
 from planview.output.resume import code_version, content_key
-from planview.sweep import work
-from planview.sweep.results import JobResult, estimate, ranked, summary_csv, why_no_intervals
-from planview.sweep.study import Configuration, Range, RecordingEntry, Study, load_study
-from planview.sweep.work import companion_files
+from planview.studies import work
+from planview.studies.results import JobResult, estimate, ranked, summary_csv, why_no_intervals
+from planview.studies.study import Configuration, Range, RecordingEntry, Study, load_study
+from planview.studies.work import companion_files
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 from distributed import Client
 
 from calib.errors import InputError, WorkError
-from planview.sweep.workers import KILLED, on_workers, workers
+from planview.studies.workers import KILLED, on_workers, workers
 
 
 @pytest.fixture(scope="module", params=[1, 2], ids=["one process", "two processes"])
@@ -48,6 +48,6 @@ def test_task_that_kills_its_process_fails_and_takes_no_other_with_it(client: Cl
 
 
 def test_cluster_that_is_not_there_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("planview.sweep.workers.CONNECT_S", 0.2)
+    monkeypatch.setattr("planview.studies.workers.CONNECT_S", 0.2)
     with pytest.raises(InputError, match="expected a Dask scheduler"), workers(1, "tcp://127.0.0.1:9"):
         pass
