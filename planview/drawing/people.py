@@ -17,7 +17,7 @@ from calib.images import as_colour
 from calib.types import F64, I32, U8, AnyArray
 from planview.drawing.style import TRIPWIRE, TRUTH, ZONE, Labels, Rgb, as_bgr
 from planview.trajectories.plot import person_rgb
-from planview.trajectories.state import TrackState
+from planview.trajectories.state import SURE_FACING, TrackState
 from planview.trajectories.table import Trajectories, row_states
 
 
@@ -72,15 +72,29 @@ def rules_of(counts: dict[str, object]) -> list[Rule]:
     return rules
 
 
-ARROW_M = 0.5
-"""Length of the arrow that shows where a person faces [m]: beyond the shoulders."""
+ARROW_M, AXIS_M = 0.5, 0.35
+"""From a person to the tip of the arrow that shows where it faces, and to the ends of a line without a head [m]: beyond
+the shoulders."""
 
 
-def facing_arrow(person: TrackState) -> F64 | None:
-    """(2, 2) places on the floor [m], the person's and ARROW_M ahead of the chest; None where one is unknown."""
+def faces_surely(person: TrackState) -> bool:
+    """Whether front and back are told apart surely enough for an arrow; they are where a table has no confidence."""
+    return not person.facing_confidence < SURE_FACING
+
+
+def facing_line(person: TrackState) -> F64 | None:
+    """(2, 2) places on the floor [m]: the person's and ARROW_M ahead of the chest, or where front and back may be
+    confused AXIS_M behind and ahead; None where one is unknown."""
     ahead = math.radians(person.facing_deg)
-    ends = np.array([person.x_m, person.y_m]) + np.outer([0.0, ARROW_M], [math.cos(ahead), math.sin(ahead)])
+    reach = [0.0, ARROW_M] if faces_surely(person) else [-AXIS_M, AXIS_M]
+    ends = np.array([person.x_m, person.y_m]) + np.outer(reach, [math.cos(ahead), math.sin(ahead)])
     return ends if np.isfinite(ends).all() else None
+
+
+def paint_facing(picture: U8, person: TrackState, ends: I32, colour: Rgb, width: int) -> None:
+    """Draw the (2, 2) ends of a ``facing_line`` [px]: an arrow, or a line without a head."""
+    start, tip = ends.tolist()
+    cv2.arrowedLine(picture, start, tip, colour, width, cv2.LINE_AA, tipLength=0.35 if faces_surely(person) else 0.0)
 
 
 SHOWN_MARGIN_M = 0.6
@@ -170,19 +184,18 @@ class PlanPainter:
             if not math.isnan(person.x_m):
                 at = self.px(np.array([(person.x_m, person.y_m)]))[0].tolist()
                 cv2.drawMarker(picture, at, as_bgr(TRUTH), cv2.MARKER_TILTED_CROSS, 15, 2)
-                self._paint_arrow(picture, person, as_bgr(TRUTH), 1)
+                self._paint_facing(picture, person, as_bgr(TRUTH), 1)
         for person in (person for person in snapshot.people if not math.isnan(person.x_m)):
             x, y = self.px(np.array([(person.x_m, person.y_m)]))[0].tolist()
             colour = as_bgr(person_rgb(person.track_id, person.state))
-            self._paint_arrow(picture, person, colour, 2)
+            self._paint_facing(picture, person, colour, 2)
             cv2.circle(picture, (x, y), 6, colour, 2 if person.state == "lost" else -1, cv2.LINE_AA)
             labels.put(str(person.track_id), (x + 8, y - 4), person_rgb(person.track_id, person.state))
         return picture
 
-    def _paint_arrow(self, picture: U8, person: TrackState, colour: Rgb, width: int) -> None:
-        if (arrow := facing_arrow(person)) is not None:
-            start, tip = self.px(arrow).tolist()
-            cv2.arrowedLine(picture, start, tip, colour, width, cv2.LINE_AA, tipLength=0.35)
+    def _paint_facing(self, picture: U8, person: TrackState, colour: Rgb, width: int) -> None:
+        if (line := facing_line(person)) is not None:
+            paint_facing(picture, person, self.px(line), colour, width)
 
     def px(self, places_m: F64) -> I32:
         """(N, 2) pixels of (N, 2) places [m]; y points up."""
@@ -283,7 +296,7 @@ class ImagePainter:
         for person in sorted(snapshot.people, key=lambda p: p.state == "confirmed"):
             _paint_box(picture, person, scale)
         for person in snapshot.people:
-            self._paint_arrow(picture, person, scale)
+            self._paint_facing(picture, person, scale)
             if (place := self._place(person)) is not None:
                 text = f"{person.track_id} lost" if person.state == "lost" else f"{person.track_id}"
                 labels.put(text, place * scale, person_rgb(person.track_id, person.state))
@@ -311,16 +324,15 @@ class ImagePainter:
         size = self._camera.size if self._camera is not None else (0, 0)
         return feet if feet is not None and (feet >= 0).all() and (feet < size).all() else None
 
-    def _paint_arrow(self, picture: U8, person: TrackState, scale: int) -> None:
+    def _paint_facing(self, picture: U8, person: TrackState, scale: int) -> None:
         """Where a person faces, on the floor, with a white edge."""
-        arrow = facing_arrow(person)
-        if self._camera is None or arrow is None:
+        line = facing_line(person)
+        if self._camera is None or line is None:
             return
-        ends = self._camera.project(np.column_stack([arrow, np.zeros(2)]))
+        ends = self._camera.project(np.column_stack([line, np.zeros(2)]))
         if np.isfinite(ends).all() and np.abs(ends).max() < 2**14:
-            start, tip = _pixels(ends, scale).tolist()
             for colour, width in (((255, 255, 255), 5), (as_bgr(person_rgb(person.track_id, person.state)), 3)):
-                cv2.arrowedLine(picture, start, tip, colour, width, cv2.LINE_AA, tipLength=0.3)
+                paint_facing(picture, person, _pixels(ends, scale), colour, width)
 
     def _paint_truth(self, picture: U8, person: TrackState, scale: int) -> None:
         """A white and black cross at the true person's feet."""

@@ -26,6 +26,7 @@ from planview.evaluation.significant import (
     significant_errors,
     strict_identity_changes,
 )
+from planview.trajectories.state import SURE_FACING
 from planview.trajectories.table import Trajectories, frame_period_s, frame_step, people_of, rows_by_id
 
 SHIFTED = 0.85
@@ -102,7 +103,9 @@ def evaluate_tracks(
         rows=_truth_rows(counted, followed, matches, placed),
         ignored_rows=int(ignored.sum()),
         height_error_m=heights[np.isfinite(heights)],
-        facing=facing_errors(facing_deg, counted.where(t), velocities(people, frame_s)[~ignored][t]),
+        facing=facing_errors(
+            facing_deg, followed.facing_confidence[k], counted.where(t), velocities(people, frame_s)[~ignored][t]
+        ),
         significant=significant,
         events=len(grouped_events(significant, EVENT_S / frame_s)),
         strict_identity_changes=strict_identity_changes(persons, frame_s),
@@ -235,15 +238,16 @@ def _prediction_histories(
     return histories
 
 
-def facing_errors(facing_deg: F64, truth: Trajectories, velocity_mps: F64) -> FacingErrors:
-    """The errors of matches; (N,) facing of tracks, the truth rows that they match, and (N, 2) velocities of these."""
+def facing_errors(facing_deg: F64, confidence: F64, truth: Trajectories, velocity_mps: F64) -> FacingErrors:
+    """The errors of matches; (N,) facing of tracks and its confidence, the truth rows that they match, and (N, 2)
+    velocities of these."""
     known = np.isfinite(facing_deg)
     facing, (vx, vy) = facing_deg[known], velocity_mps[known].T
     to_truth, to_walk = (
         np.abs((facing - other + 180.0) % 360.0 - 180.0)
         for other in (truth.facing_deg[known], np.degrees(np.arctan2(vy, vx)))
     )
-    return FacingErrors(to_truth, to_walk, np.hypot(vx, vy))
+    return FacingErrors(to_truth, to_walk, np.hypot(vx, vy), ~(confidence[known] < SURE_FACING))
 
 
 def velocities(table: Trajectories, frame_s: float) -> F64:

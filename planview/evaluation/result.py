@@ -41,31 +41,39 @@ class FacingErrors:
         to_truth_deg: to where the truth faces, 0 to 180; NaN where it does not say.
         to_walk_deg: to where the true person moves, 0 to 180; NaN where that is unknown.
         speed_mps: of the true person; NaN where unknown.
+        sure: whether front and back are told apart surely, as everywhere in a table without confidence.
     """
 
     to_truth_deg: F64
     to_walk_deg: F64
     speed_mps: F64
+    sure: Bool
 
     def to_json(self) -> dict[str, Any]:
-        """Rows and median differences [deg] of walkers and of standers against the truth; empty without any."""
+        """Of walkers and of standers with a true facing: rows, the share that is sure, how many of these are not back
+        to front and their median difference [deg], and the median of all with front and back alike; empty without
+        any."""
         groups = {"walkers": self.speed_mps > WALKING_MPS, "standers": self.speed_mps <= WALKING_MPS}
         figures = {}
         for name, members in groups.items():
-            known = self.to_truth_deg[members & np.isfinite(self.to_truth_deg)]
+            counts = members & np.isfinite(self.to_truth_deg)
+            known, sure = self.to_truth_deg[counts], self.to_truth_deg[counts & self.sure]
             if len(known):
-                turned = float(np.median(np.minimum(known, 180.0 - known)))
                 figures[name] = {
-                    "rows": len(known), "median_deg": float(np.median(known)), "median_modulo_180_deg": turned,
-                }  # fmt: skip
+                    "rows": len(known),
+                    "sure_share": len(sure) / len(known),
+                    "sure_right_share": float((sure < 90.0).mean()) if len(sure) else None,
+                    "median_deg": float(np.median(sure)) if len(sure) else None,
+                    "median_modulo_180_deg": float(np.median(np.minimum(known, 180.0 - known))),
+                }
         return figures
 
     @property
     def walkers_deg(self) -> float | None:
-        """Median difference of walkers to the truth, or where that does not say where people face, to the direction in
-        which they walk; None without any."""
+        """Median difference of walkers who surely face somewhere to the truth, or where that does not say where people
+        face, to the direction in which they walk; None without any."""
         against = self.to_truth_deg if np.isfinite(self.to_truth_deg).any() else self.to_walk_deg
-        known = against[(self.speed_mps > WALKING_MPS) & np.isfinite(against)]
+        known = against[self.sure & (self.speed_mps > WALKING_MPS) & np.isfinite(against)]
         return float(np.median(known)) if len(known) else None
 
 

@@ -14,7 +14,7 @@ import rerun.blueprint as rrb
 from calib.floor_camera import FloorCamera
 from calib.images import as_colour, encode_image
 from calib.types import F32, U8, Bool
-from planview.drawing.people import PlanBounds, facing_arrow, from_above
+from planview.drawing.people import PlanBounds, faces_surely, facing_line, from_above
 from planview.drawing.style import disparity_colours
 from planview.engine.engine import Engine, FrameResult
 from planview.maps.grid import FloorRig
@@ -82,10 +82,10 @@ def templates(result: FrameResult) -> dict[str, F32 | U8]:
 
 
 def facing_arrows(tracks: Sequence[TrackState], camera: FloorCamera | None) -> tuple[rr.Arrows3D, rr.Arrows2D]:
-    """Where people face, on the floor [m] and in the image of a camera [px]."""
-    known = [(track, arrow) for track in tracks if (arrow := facing_arrow(track)) is not None]
+    """Where people surely face, on the floor [m] and in the image of a camera [px]."""
+    known = [(track, line) for track in tracks if faces_surely(track) and (line := facing_line(track)) is not None]
     colours = [person_rgb(track.track_id, track.state) for track, _ in known]
-    ends = np.array([np.column_stack([arrow, [0.05, 0.05]]) for _, arrow in known]).reshape(-1, 2, 3)
+    ends = np.array([np.column_stack([line, [0.05, 0.05]]) for _, line in known]).reshape(-1, 2, 3)
     floor = rr.Arrows3D(origins=ends[:, 0], vectors=ends[:, 1] - ends[:, 0], colors=colours, radii=0.03)
     pixels = np.empty((0, 2, 2)) if camera is None else camera.project(ends.reshape(-1, 3)).reshape(-1, 2, 2)
     seen = np.flatnonzero(np.isfinite(pixels).all(axis=(1, 2)))

@@ -27,8 +27,10 @@ from calib.errors import InputError
 from calib.io import UNITS_M, expecting
 from calib.types import F64, AnyArray
 from planview.trajectories.file import TrajectoryFile, checked_area, checked_rate, refuse_many
+from planview.trajectories.state import SURE_FACING
 from planview.trajectories.table import (
     HEIGHTS_M,
+    LAST_COLUMNS,
     NUMBER_COLUMNS,
     STATES,
     TRACK_COLUMNS,
@@ -200,7 +202,7 @@ def _numbers(frame: dict[str, Any], person: dict[str, Any]) -> list[float]:
     box = person.get("box_px") or [None] * 4
     if len(box) != 4:
         raise ValueError(f"a box of {len(box)} numbers")
-    values = (*(person.get(name) for name in _VALUES), *box, person.get("facing_deg"))
+    values = (*(person.get(name) for name in _VALUES), *box, *(person.get(name) for name in LAST_COLUMNS))
     cells = (frame["frame"], frame.get("timestamp_s"), person["id"], *values)
     return [math.nan if cell is None else float(cell) for cell in cells]
 
@@ -358,14 +360,15 @@ def read_jupedsim(path: Path) -> TrajectoryFile:
 
 
 def write_jupedsim(path: Path, file: TrajectoryFile) -> None:
-    """Rows with known positions; the orientation is where a person faces, else the direction of the velocity, (0, 0)
-    where both are unknown."""
+    """Rows with known positions; the orientation is where a person surely faces, else the direction of the velocity,
+    (0, 0) where both are unknown."""
     table, area = file.table, file.walkable_wkt or ""
     area_hash = int.from_bytes(hashlib.sha256(area.encode()).digest()[:8], "big", signed=True)
     speed = np.hypot(*table.velocity_mps.T)[:, None]
     heading = np.where(speed > 0, table.velocity_mps / np.where(speed > 0, speed, 1.0), 0.0)
     facing = np.radians(table.facing_deg)[:, None]
-    heading = np.where(np.isfinite(facing), np.hstack([np.cos(facing), np.sin(facing)]), heading)
+    sure = np.isfinite(facing) & ~(table.facing_confidence < SURE_FACING)[:, None]
+    heading = np.where(sure, np.hstack([np.cos(facing), np.sin(facing)]), heading)
     rows = zip(*(c.tolist() for c in (table.frame, table.track_id, table.x_m, table.y_m, *heading.T)), strict=True)
     metadata = [("version", "2"), ("fps", f"{file.fps!r}")]
     for axis, values in (("x", table.x_m), ("y", table.y_m)) if len(table) else ():

@@ -6,6 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+SURE_FACING = 0.9
+"""Confidence from which a direction of facing is shown and scored as one: at most one in ten is back to front. Below,
+only its axis is."""
 State = Literal["tentative", "confirmed", "lost"]
 
 
@@ -21,6 +24,7 @@ class TrackState:
         height_m: height of the top of the head above the floor [m].
         box_px: (left, top, width, height) in the (rectified left) image [px].
         facing_deg: where the chest points on the floor, 0 along X and 90 along Y, -180 to 180 [deg].
+        facing_confidence: how probably ``facing_deg`` is not back to front, 0.5 to 1.
     """
 
     track_id: int
@@ -32,6 +36,7 @@ class TrackState:
     height_m: float = math.nan
     box_px: tuple[float, float, float, float] = (math.nan, math.nan, math.nan, math.nan)
     facing_deg: float = math.nan
+    facing_confidence: float = math.nan
 
     def __repr__(self) -> str:
         place = f"x_m={self.x_m:.2f}, y_m={self.y_m:.2f}, height_m={self.height_m:.2f}"

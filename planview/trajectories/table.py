@@ -28,13 +28,13 @@ KEY_MAX = 2**53
 WordColumn = np.ndarray[tuple[int], np.dtype[np.str_]]
 TRACK_COLUMNS = (
     "frame", "timestamp_s", "id", "x_m", "y_m", "vx_mps", "vy_mps", "height_m", "state",
-    "left_px", "top_px", "width_px", "height_px", "facing_deg",
+    "left_px", "top_px", "width_px", "height_px", "facing_deg", "facing_confidence",
 )  # fmt: skip
-DECIMALS = (None, 4, None, *[4] * 5, None, *[1] * 5)
-"""Of each column as it is written: 0.1 mm, 0.1 ms, 0.1 px, 0.1 degrees; None where it is no fraction."""
+DECIMALS = (None, 4, None, *[4] * 5, None, *[1] * 5, 3)
+"""Of each column as it is written: 0.1 mm, 0.1 ms, 0.1 px, 0.1 degrees, 0.1 %; None where it is no fraction."""
 NUMBER_COLUMNS = tuple(name for name in TRACK_COLUMNS if name != "state")
 COLUMNS = (*TRACK_COLUMNS, "visible")
-BOX_COLUMNS = TRACK_COLUMNS[9:13]
+BOX_COLUMNS, LAST_COLUMNS = TRACK_COLUMNS[9:13], TRACK_COLUMNS[13:]
 TRUTH_COLUMNS = ("frame", "id", "x_m", "y_m", "height_m")
 STATES = ("tentative", "confirmed", "lost")
 PERSON_S = 0.5
@@ -76,7 +76,7 @@ def table_of(columns: Mapping[str, Any] | DataFrame, source: Path | str) -> Traj
         column["frame"], column["id"], column["timestamp_s"], column["x_m"], column["y_m"], column["height_m"],
         column["state"].astype("<U9"), column["visible"],
         np.column_stack([column[name] for name in BOX_COLUMNS]),
-        np.column_stack([column["vx_mps"], column["vy_mps"]]), column["facing_deg"],
+        np.column_stack([column["vx_mps"], column["vy_mps"]]), *(column[name] for name in LAST_COLUMNS),
     )  # fmt: skip
 
 
@@ -146,6 +146,7 @@ class Trajectories:
         visible: unoccluded fraction 0..1 of a truth row, or IGNORED; 1 for tracks.
         box_px, velocity_mps: (N, 4) left, top, width, height and (N, 2), float64; NaN where unknown.
         facing_deg: float64, where the chest points on the floor: 0 along X, 90 along Y, -180 to 180; NaN where unknown.
+        facing_confidence: float64, how probably ``facing_deg`` is not back to front, 0.5 to 1; NaN where unknown.
         n_frames: how many frames were tracked, where that is known; the last may show nobody.
     """
 
@@ -160,6 +161,7 @@ class Trajectories:
     box_px: F64
     velocity_mps: F64
     facing_deg: F64
+    facing_confidence: F64
     n_frames: int | None = None
 
     def __len__(self) -> int:
@@ -205,7 +207,8 @@ class Trajectories:
         states = pandas.Series(self.state, dtype="str")
         box, velocity = self.box_px.T, self.velocity_mps.T
         place = self.x_m, self.y_m, *velocity, self.height_m
-        columns = (self.frame, self.timestamp_s, self.track_id, *place, states, *box, self.facing_deg)
+        last = (getattr(self, name) for name in LAST_COLUMNS)
+        columns = (self.frame, self.timestamp_s, self.track_id, *place, states, *box, *last)
         return pandas.DataFrame(dict(zip(TRACK_COLUMNS, columns, strict=True)))
 
 
@@ -246,8 +249,8 @@ def write_header(file: IO[str]) -> None:
 def _row(frame: int, timestamp_s: float, track: TrackState) -> tuple[Any, ...]:
     """The cells of TRACK_COLUMNS."""
     place = track.x_m, track.y_m, track.vx_mps, track.vy_mps, track.height_m
-    left, top, width, height = track.box_px
-    return frame, timestamp_s, track.track_id, *place, track.state, left, top, width, height, track.facing_deg
+    last = (getattr(track, name) for name in LAST_COLUMNS)
+    return frame, timestamp_s, track.track_id, *place, track.state, *track.box_px, *last
 
 
 def write_rows(file: IO[str], frame: int, timestamp_s: float, tracks: Sequence[TrackState]) -> None:
@@ -269,8 +272,8 @@ def row_states(table: Trajectories, rows: slice) -> list[TrackState]:
     """Rows as a tracker gave them."""
     columns = (table.track_id, table.state, table.x_m, table.y_m, *table.velocity_mps.T, table.height_m)
     numbers = [column[rows].tolist() for column in columns]
-    boxes, facing = map(tuple, table.box_px[rows].tolist()), table.facing_deg[rows].tolist()
-    return [TrackState(*cells) for cells in zip(*numbers, boxes, facing, strict=True)]
+    last = [getattr(table, name)[rows].tolist() for name in LAST_COLUMNS]
+    return [TrackState(*cells) for cells in zip(*numbers, map(tuple, table.box_px[rows].tolist()), *last, strict=True)]
 
 
 class TrajectoryCollector:

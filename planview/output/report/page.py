@@ -156,7 +156,9 @@ def evaluation_rows(evaluation: dict[str, Any]) -> list[Figure]:
     known = {k: v for k, v in evaluation.items() if k != "alignment" and (v is None or isinstance(v, int | float))}
     rows = [(LABELS.get(k) or words_of(k), v) for k, v in known.items()]
     for people, facing in evaluation.get("facing", {}).items():
-        rows.append((f"facing of {people}: median difference [deg]", facing["median_deg"]))
+        rows.append((f"facing of {people}: share shown with an arrow", facing["sure_share"]))
+        rows.append((f"facing of {people}: share of these not back to front", facing["sure_right_share"]))
+        rows.append((f"facing of {people}: median difference of these [deg]", facing["median_deg"]))
         rows.append((f"facing of {people}: with front and back alike [deg]", facing["median_modulo_180_deg"]))
     errors = evaluation.get("significant_errors") or {}
     rows += [(f"significant errors, {words_of(k)}", v) for k, v in errors.items()]

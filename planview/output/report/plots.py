@@ -14,7 +14,7 @@ import numpy as np
 from calib.images import encode_image
 from calib.types import F64, I64, Bool
 from planview.counting.totals import Clock
-from planview.drawing.people import PlanPainter, facing_arrow
+from planview.drawing.people import PlanPainter, facing_line, paint_facing
 from planview.drawing.style import ERRORS, TRUTH, Labels, as_bgr, as_hex
 from planview.evaluation.significant import SignificantError
 from planview.maps.recording import is_maps
@@ -150,9 +150,8 @@ def floor_plot(run: RunFolder) -> bytes:
     # Where people face, every two seconds.
     step = max(1, round(2.0 / run.clock.frame_s))
     for person in row_states(tracks.where(tracks.frame % step == 0), slice(None)):
-        if (arrow := facing_arrow(person)) is not None:
-            start, tip = painter.px(arrow).tolist()
-            cv2.arrowedLine(picture, start, tip, as_bgr(person_rgb(person.track_id)), 1, cv2.LINE_AA, tipLength=0.35)
+        if (line := facing_line(person)) is not None:
+            paint_facing(picture, person, painter.px(line), as_bgr(person_rgb(person.track_id)), 1)
     # A dot where each track begins, a square where it ends.
     ids, first, counts = np.unique(tracks.track_id, return_index=True, return_counts=True)
     begin, end = at[first], at[first + counts - 1]

@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.kernels import kernel
 from calib.types import F64, Bool
-from planview.tracking.body import LEAN_M
+from planview.tracking.body import FACINGS_PER_RAD, LEAN_M
 from planview.tracking.explain._likelihood_kernels import lay_others, log_ratio, visible
 from planview.tracking.explain.samples import CX, CY, CZ, TINY, samples_of
 
@@ -216,13 +216,14 @@ def ascend(pose: F64, curvature: F64, prior, me, others, samples, table, model) 
 def explain(people, prior, order, touch: Bool, samples, table, model, found) -> None:  # type: ignore[no-untyped-def]
     """Coordinate ascent of everybody, in an order, in two sweeps of which the second is of those who touch somebody.
 
-    Moves the poses; fills ``found``: (N,) evidence, (N, 6) curvature and (N, 3) of ``visible``, each with all others
-    where they are at the end.
+    Moves the poses; fills ``found``: (N,) evidence, (N, 6) curvature, (N, 3) of ``visible`` and (N, FACINGS / 2)
+    log-likelihood ratios of the upright body there by its facing, each with all others where they are at the end.
 
     Args:
         prior: (N, 5) predicted poses, (N,) of KNOWN, (K,) steps, and the first of these that each takes.
     """
-    (poses, _, tall, ratios), (predicted, known, steps, first), (evidence, curvature, seen) = people, prior, found
+    (poses, _, tall, ratios), (predicted, known, steps, first) = people, prior
+    evidence, curvature, seen, turned = found
     for sweep in range(3):
         for a in order:
             others, mine = np.flatnonzero(touch[a]), samples_of(samples, a)
@@ -237,3 +238,6 @@ def explain(people, prior, order, touch: Bool, samples, table, model, found) -> 
                 evidence[a] = log_ratio(at, me[0], me[2], mine, table, model)
                 evidence[a] += log_prior(at, me, (people, others), model)
                 visible(at, (me[0], me[1], np.ones_like(me[2])), mine, table, model, seen[a])  # in any clothes
+                for way in range(turned.shape[1] if len(table.cover) > 1 else 0):
+                    facing = _postured(at, way / FACINGS_PER_RAD, 0.0)
+                    turned[a, way] = log_ratio(facing, me[0], me[2], mine, table, model)

@@ -122,6 +122,23 @@ class People(NamedTuple):
         )
 
 
+class Found(NamedTuple):
+    """What is found of N people together (``_ascent_kernels.explain``).
+
+    Attributes:
+        evidence: (N,) log-likelihood ratio of with to without each, plus the logarithm of the prior of the pose.
+        curvature: (N, 6) of that ratio, see ``Samples.ascend``.
+        seen: (N, 3) patches, see ``Samples.visible``.
+        turned: (N, FACINGS / 2) the ratios of an upright body by its facing; 0 where a body looks the same from
+            everywhere.
+    """
+
+    evidence: F64
+    curvature: F64
+    seen: F64
+    turned: F64
+
+
 class Explanation:
     """One frame of all cameras.
 
@@ -225,10 +242,10 @@ class Samples:
         """Those of one of several people."""
         return Samples(self._of, self.arrays.person(k))
 
-    def explain(self, people: People, prior: tuple[AnyArray, ...], order: I64, touch: Bool) -> tuple[F64, F64, F64]:
-        """Move several people, in an order, to where they explain best together; see ``_ascent_kernels.explain``."""
+    def explain(self, people: People, prior: tuple[AnyArray, ...], order: I64, touch: Bool) -> Found:
+        """Move several people, in an order, to where they explain best together."""
         n = len(people.poses)
-        found = np.empty(n), np.zeros((n, 6)), np.empty((n, 3))
+        found = Found(np.empty(n), np.zeros((n, 6)), np.empty((n, 3)), np.zeros((n, body.FACINGS // 2)))
         ascent.explain(people, prior, order, touch, self.arrays, self._of.table, self._of.model, found)
         return found
 

@@ -17,6 +17,7 @@ from planview.maps.view import CODES, View, smoothing
 from planview.tracking import body
 from planview.tracking.body import HEIGHT_MEAN_M, HEIGHT_STD_M, LEAN_STD_M
 from planview.tracking.explain.explanation import Owned, People
+from planview.tracking.explain.facing import FacingBelief
 from planview.tracking.explain.params import PeopleParams
 from planview.tracking.explain.samples import LEGS_TO, PARTS, TINY, TORSO_TO, Known
 from planview.tracking.kalman import FloorKalman
@@ -24,10 +25,8 @@ from planview.tracking.kalman import FloorKalman
 SMOOTHING = smoothing()
 ANY_FACING = math.pi**2 / 3.0
 """Variance of a direction of which nothing is known [rad^2]."""
-FACING_STD_MAX_RAD, AHEAD_MIN = 1.0, 1.0
-"""Facing is reported when its deviation [rad] and the log-odds of facing ahead are better."""
-AHEAD_MAX = 4.0
-"""Facing is never surer than this to be ahead rather than back to front [log-odds]."""
+FACING_STD_MAX_RAD = 1.0
+"""Facing is reported when the deviation of its axis is better [rad]."""
 LEANING_M2_PS = 0.02
 """Variance of the change of a lean within a second [m^2/s]."""
 GAIT_M = 0.03
@@ -71,8 +70,9 @@ class Person:
         track_id: negative until confirmed, then positive; unique in a run.
         kalman: place and speed on the floor.
         height_m, height_var: of the head's top now [m], and its variance.
-        facing, facing_var: where the chest points, counterclockwise from x [rad], and its variance.
-        ahead: log-odds of facing so rather than the other way, which looks nearly the same.
+        facing, facing_var: where the chest of the pose that explains best points, counterclockwise from x [rad], and
+            the variance within which the next pose is searched.
+        facings: how probably the chest points to each side.
         lean_m, lean_var: head before the feet [m], and its variance.
         log_odds: of existence.
         seen_s: time of the last observation that measured the place.
@@ -109,7 +109,7 @@ class Person:
     height_var: float = HEIGHT_STD_M**2
     facing: float = 0.0
     facing_var: float = ANY_FACING
-    ahead: float = 0.0
+    facings: FacingBelief = field(default_factory=FacingBelief.unknown)
     lean_m: float = 0.0
     lean_var: float = LEAN_STD_M**2
     tall_m: float = HEIGHT_MEAN_M
@@ -166,35 +166,44 @@ class Person:
     @property
     def prior(self) -> Known:
         """What is known of the pose before a frame."""
-        k, back = self.kalman, 1.0 / (1.0 + math.exp(self.ahead))
+        k, back = self.kalman, 1.0 - self.facings.near(self.facing)[1]
         spread = body.STROLL_MPS**2 + float(k.covariance[2, 2] + k.covariance[3, 3])
         walk = 1.0 / (body.SIDEWARD_RAD**2 + spread / max(k.vx_mps**2 + k.vy_mps**2, 1e-6))
         heading = math.atan2(k.vy_mps, k.vx_mps)
         return Known(*k.information, 1.0 / self.height_var, 1.0 / self.facing_var, back, walk, heading)
 
     @property
-    def facing_deg(self) -> float:
-        """Where the chest points, -180 to 180 [deg]; NaN while that is not known."""
-        known = self.facing_var < FACING_STD_MAX_RAD**2 and self.ahead > AHEAD_MIN
-        return math.degrees(self.facing) if known else math.nan
+    def faces(self) -> tuple[float, float]:
+        """Where the chest points, -180 to 180 [deg], and how probably this is not back to front; NaN while the axis is
+        not known."""
+        if self.facings.axis_var >= FACING_STD_MAX_RAD**2:
+            return math.nan, math.nan
+        facing, probability = self.facings.best
+        return math.degrees(facing), probability
 
     def predict_facing(self, dt: float) -> None:
         """Where a person faces and leans is known less surely after dt [s]."""
+        self.facings = self.facings.predicted(dt)
         self.facing_var = min(self.facing_var + body.TURNING_RAD2_PS * dt, ANY_FACING)
         self.lean_var = min(self.lean_var + LEANING_M2_PS * dt, LEAN_STD_M**2)
 
-    def measure_facing(self, pose: F64, curvature: F64, fresh: float) -> None:
-        """Take over how a pose faces and leans; ``curvature`` (2,) of both, of which ``fresh`` is independent."""
-        if curvature[0] == 0.0:  # seen so that a body looks the same from everywhere
+    def measure_facing(self, pose: F64, log_ratios: F64, curvature: F64, fresh: float) -> None:
+        """Take over how a pose faces and leans.
+
+        Args:
+            log_ratios: (FACINGS / 2,) of the body there by its facing.
+            curvature: (2,) of the log-likelihood ratio in the facing and in the lean.
+            fresh: the independent share of this frame.
+        """
+        if not log_ratios.any():  # seen so that a body looks the same from everywhere
             return
-        prior, facing = self.prior, float(pose[3])
-        turned = math.cos(facing - self.facing)
-        ahead = 2.0 * prior.walk * math.cos(facing - prior.heading)
-        self.ahead = max(-AHEAD_MAX, min(AHEAD_MAX, (self.ahead if turned > 0 else -self.ahead) + fresh * ahead))
-        information = 1.0 / self.facing_var + fresh * (max(float(curvature[0]), 0.0) + prior.walk)
-        self.facing, self.facing_var = math.remainder(facing, 2.0 * math.pi), 1.0 / information
-        gain, before = 1.0 - 1.0 / (1.0 + fresh * max(float(curvature[1]), 0.0) * self.lean_var), self.lean_m * turned
-        self.lean_m, self.lean_var = max(before + gain * (float(pose[4]) - before), 0.0), self.lean_var * (1.0 - gain)
+        prior, before = self.prior, self.facing
+        self.facings = self.facings.seen(log_ratios, fresh, prior.walk, prior.heading)
+        self.facing = math.remainder(float(pose[3]), 2.0 * math.pi)
+        self.facing_var = 1.0 / (1.0 / self.facing_var + fresh * (max(float(curvature[0]), 0.0) + prior.walk))
+        gain = 1.0 - 1.0 / (1.0 + fresh * max(float(curvature[1]), 0.0) * self.lean_var)
+        lean_m = self.lean_m * math.cos(self.facing - before)
+        self.lean_m, self.lean_var = max(lean_m + gain * (float(pose[4]) - lean_m), 0.0), self.lean_var * (1.0 - gain)
 
     def see(self, visible: F64, inside: float) -> None:
         """Take over the patches of a frame (``Samples.visible``), and the share of the body inside the image."""

@@ -14,7 +14,8 @@ from planview.maps.view import CODES
 from planview.tracking import body
 from planview.tracking.base import NO_BOX, Box, Decision, DecisionKind, LifeCycle, state_of
 from planview.tracking.explain.births import EVIDENCE_MAX
-from planview.tracking.explain.explanation import STEPS_M, Explanation, Owned, People, Samples
+from planview.tracking.explain.explanation import STEPS_M, Explanation, Found, Owned, People, Samples
+from planview.tracking.explain.facing import FacingBelief
 from planview.tracking.explain.params import PeopleParams
 from planview.tracking.explain.person import Exchanges, Person, colour_counts, continued
 from planview.tracking.explain.samples import KNOWN, PARTS
@@ -38,7 +39,7 @@ class ExplainingTracker(Carried, Generic[P, Q]):
     """
 
     CARRIED: ClassVar[tuple[str, ...]] = ("_people", "_departed", "_exchanges", "_life")
-    RECORDS: ClassVar[Records] = (Person, FloorKalman)
+    RECORDS: ClassVar[Records] = (Person, FloorKalman, FacingBelief)
 
     def __init__(self, params: Q) -> None:
         self.params = params
@@ -68,23 +69,23 @@ class ExplainingTracker(Carried, Generic[P, Q]):
         return dt
 
     # -- explaining a frame ---------------------------------------------------------------------------------------
-    def _ascend(self, frame: Explanation, people: People, touch: Bool) -> tuple[Samples, F64, F64, F64]:
+    def _ascend(self, frame: Explanation, people: People, touch: Bool) -> tuple[Samples, Found]:
         """Coordinate ascent, nearest first.
 
         Args:
             touch: (N, N) who may be on a ray of whom.
 
         Returns:
-            The samples; of everybody the evidence, the curvature, and what is visible (``Samples.explain``).
+            The samples, and what is found of everybody.
         """
         predicted, order = people.poses.copy(), frame.nearest_first(people.poses)
         samples = frame.around(predicted, body.TORSO.torso_radius_m + 0.1)
         fine = np.array([person.kalman.position_std_m < STEPS_M[1] for person in self._people], np.int64)
         known = np.array([person.prior for person in self._people], KNOWN)
-        return samples, *samples.explain(people, (predicted, known, STEPS_M, fine), order, touch)
+        return samples, samples.explain(people, (predicted, known, STEPS_M, fine), order, touch)
 
-    def _measure(self, person: P, s: Samples, pose: F64, curvature: F64, dt: float) -> None:
-        """The place and the height, as far as the pixels show them."""
+    def _measure(self, person: P, s: Samples, pose: F64, curvature: F64, turned: F64, dt: float) -> None:
+        """The place, the height and the facing, as far as the pixels show them."""
         if person.share < self.params.visible_min:
             return
         noise, up = s.noise(pose, curvature)
@@ -92,7 +93,7 @@ class ExplainingTracker(Carried, Generic[P, Q]):
             noise = noise + STEP_STD_M**2 * np.eye(2)
         person.kalman = person.kalman.found_at(pose[:2], noise, body.SPEED_MAX_MPS)
         fresh = min(1.0, dt / self.params.errors_s)
-        person.measure_facing(pose, curvature[3:5], fresh)
+        person.measure_facing(pose, turned, curvature[3:5], fresh)
         if person.head_in_view:
             person.height_m, person.height_var = float(pose[2]), 1.0 / (1.0 / person.height_var + up * fresh)
         else:  # whatever is in view, nobody's height shows without the head
@@ -167,6 +168,4 @@ class ExplainingTracker(Carried, Generic[P, Q]):
     def _state(self, person: P, box_px: Box = NO_BOX) -> TrackState:
         state = state_of(person.confirmed, person.share >= self.params.visible_min)
         k, (x_m, y_m) = person.kalman, person.head_m
-        return TrackState(
-            person.track_id, state, x_m, y_m, k.vx_mps, k.vy_mps, person.height_m, box_px, person.facing_deg
-        )
+        return TrackState(person.track_id, state, x_m, y_m, k.vx_mps, k.vy_mps, person.height_m, box_px, *person.faces)

@@ -17,6 +17,7 @@ from planview.maps.view import BACKGROUND_SEEN, SHADED, SURFACE, PixelRays
 from planview.tracking import body
 from planview.tracking.base import NO_BOX, DecisionKind, Drawing, Needs, Observation, TrackerDebug
 from planview.tracking.explain.explanation import Owned, People
+from planview.tracking.explain.facing import FacingBelief
 from planview.tracking.explain.person import side_by_side
 from planview.tracking.explain.tracker import ExplainingTracker
 from planview.tracking.human_model.explanation import HumanModelParams, MaskExplanation, likelihood_of_masks
@@ -47,7 +48,7 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
 
     CARRIED = (*ExplainingTracker.CARRIED, "_known_pixels", "_still_s", "_hides")
     needs: Needs = "image"
-    RECORDS = (Walker, FloorKalman, ModelMatch)
+    RECORDS = (Walker, FloorKalman, FacingBelief, ModelMatch)
     foreground_columns: int | None = None
 
     def __init__(self, params: HumanModelParams, camera: GroundCamera, model_map: HumanModelMap | None = None) -> None:
@@ -141,14 +142,14 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
 
     def _explain(self, frame: MaskExplanation, people: People, dt: float) -> None:
         """Places, then the frame's evidence on each person's existence."""
-        samples, evidence, curvature, visible = self._ascend(frame, people, frame.touching(people.poses))
+        samples, found = self._ascend(frame, people, frame.touching(people.poses))
         # The surer person wins; of two equally sure ones the one that came first.
         ranks = sorted(range(len(self._people)), key=lambda k: self._people[k].standing)
         rivals = frame.rivals(people, np.argsort(ranks).astype(np.float64))
         for i, person in enumerate(self._people):
-            person.evidence, pose = float(evidence[i]), people.poses[i]
-            person.see(visible[i], self._visibility(pose[:2]))
-            self._measure(person, samples.person(i), pose, curvature[i], dt)
+            person.evidence, pose = float(found.evidence[i]), people.poses[i]
+            person.see(found.seen[i], self._visibility(pose[:2]))
+            self._measure(person, samples.person(i), pose, found.curvature[i], found.turned[i], dt)
             seen = person.share >= self.params.visible_min
             if seen and rivals[i] >= 0 and not person.confirmed:  # who is has been seen apart from others
                 person.evidence = min(person.evidence, frame.pair(i, int(rivals[i]), people)[0])

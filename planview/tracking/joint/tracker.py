@@ -92,16 +92,16 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
     def _explain(self, frame: Explanation, people: People, dt: float) -> None:
         """Places, then the frame's evidence on each person's existence."""
         touch = frame.touching(people.poses)
-        samples, evidence, curvature, seen = self._ascend(frame, people, touch)
+        samples, found = self._ascend(frame, people, touch)
         stood_up: list[tuple[Person, F64]] = []
         for i, person in enumerate(self._people):
-            person.evidence, pose = float(evidence[i]), people.poses[i]
+            person.evidence, pose = float(found.evidence[i]), people.poses[i]
             if (rival := self._rival(i, people)) >= 0:
                 both, alone = self._beside(i, rival, samples.person(rival), people)
                 person.evidence = min(person.evidence, both)
                 if both < 0.0 and alone[2] > people.poses[rival, 2] + body.HEIGHT_STD_M:
                     stood_up.append((self._people[rival], alone))
-            person.see(seen[i], min(1.0, float(seen[i, 2]) / frame.whole_patches(pose)))
+            person.see(found.seen[i], min(1.0, float(found.seen[i, 2]) / frame.whole_patches(pose)))
             others = np.flatnonzero(touch[i])
             person.head_in_view = frame.shows_height(pose, person.height_m, person.upright[1])
             visible = person.share >= self.params.visible_min
@@ -109,7 +109,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
                 mine_alone = samples.person(i)
                 mine_alone.layer(people, others)
                 person.shape = mine_alone.against_thing(pose, people.tall[i]) if visible else 0.0
-            self._measure(person, samples.person(i), pose, curvature[i], dt)
+            self._measure(person, samples.person(i), pose, found.curvature[i], found.turned[i], dt)
             self._weigh(person, dt, body.LEAVE_S if person.inside < INSIDE else self.params.stay_s)
             if visible:
                 self._note_movement(person, alone=len(others) == 0)

@@ -9,13 +9,14 @@ from calib.ground_camera import GroundCamera
 from calib.types import U8
 from planview.drawing.people import (
     ARROW_M,
+    AXIS_M,
     ImagePainter,
     PlanBounds,
     PlanPainter,
     Rule,
     Snapshot,
     bounds_of,
-    facing_arrow,
+    facing_line,
     rules_of,
     snapshot_at,
 )
@@ -86,11 +87,20 @@ def test_plan_view_shows_a_person_at_the_place_within_a_margin():
     assert (bounds.x_min_m, bounds.y_max_m) == pytest.approx((-0.6, 3.6))
 
 
+def test_a_line_without_a_head_shows_the_axis_of_somebody_who_may_be_back_to_front() -> None:
+    person = TrackState(4, "confirmed", 1.0, 5.0, facing_deg=90.0, facing_confidence=0.89)
+    line = facing_line(person)
+    assert line is not None and line.tolist() == [[1.0, 5.0 - AXIS_M], [1.0, 5.0 + AXIS_M]]
+    painter = PlanPainter(PlanBounds(0, 4, 2, 6), (200, 200))
+    seen = has(painter(Snapshot(0, 0.0, [person])), person_rgb(4))
+    assert seen[70, 100] and seen[130, 100] and not seen[75, 95:99].any()  # no barbs of an arrow
+
+
 def test_arrow_points_from_a_person_to_where_the_chest_does() -> None:
     person = TrackState(4, "confirmed", 1.0, 5.0, facing_deg=90.0)
-    arrow = facing_arrow(person)
+    arrow = facing_line(person)
     assert arrow is not None and arrow.tolist() == [[1.0, 5.0], pytest.approx([1.0, 5.0 + ARROW_M])]
-    assert facing_arrow(TrackState(4, "confirmed", 1.0, 5.0)) is None
+    assert facing_line(TrackState(4, "confirmed", 1.0, 5.0)) is None
     above = has(PlanPainter(PlanBounds(0, 4, 2, 6), (200, 200))(Snapshot(0, 0.0, [person])), person_rgb(4))
     assert above[60, 100] and not above[140, 100] and not above[100, 140]  # up is y
     seen = has(ImagePainter(CAMERA)(GREY, Snapshot(0, 0.0, [person])), person_rgb(4))

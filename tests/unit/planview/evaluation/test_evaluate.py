@@ -54,9 +54,19 @@ def test_facing_is_compared_over_walkers_and_standers():
     tracks = replace(truth, facing_deg=np.where(truth.track_id == 1, 120.0, -85.0))
     result = evaluate_tracks(tracks, truth)
     walkers, standers = (result.to_json()["facing"][name] for name in ("walkers", "standers"))
-    assert walkers == {"rows": 100, "median_deg": pytest.approx(30), "median_modulo_180_deg": pytest.approx(30)}
-    assert standers == {"rows": 100, "median_deg": pytest.approx(175), "median_modulo_180_deg": pytest.approx(5)}
+    assert (walkers["rows"], walkers["sure_share"], walkers["sure_right_share"]) == (100, 1.0, 1.0)
+    assert walkers["median_deg"] == walkers["median_modulo_180_deg"] == pytest.approx(30)
+    assert (standers["rows"], standers["sure_share"], standers["sure_right_share"]) == (100, 1.0, 0.0)
+    assert (standers["median_deg"], standers["median_modulo_180_deg"]) == pytest.approx((175, 5))
     assert result.facing.walkers_deg == pytest.approx(30)
+
+
+def test_facing_that_is_not_sure_counts_with_front_and_back_alike():
+    truth = replace(walk(), facing_deg=np.full(100, 90.0))
+    tracks = replace(truth, facing_deg=np.full(100, -80.0), facing_confidence=np.repeat([0.6, 0.95], [75, 25]))
+    walkers = evaluate_tracks(tracks, truth).to_json()["facing"]["walkers"]
+    assert (walkers["rows"], walkers["sure_share"], walkers["sure_right_share"]) == (100, 0.25, 0.0)
+    assert (walkers["median_deg"], walkers["median_modulo_180_deg"]) == pytest.approx((170, 10))
 
 
 def test_without_truth_of_facing_walkers_are_compared_with_their_way():

@@ -62,9 +62,9 @@ def test_collected_tracks_are_those_of_a_round_trip_through_the_file(tmp_path: P
     assert (read.x_m[0], read.y_m[0]) == (1.0001, 2.0) and np.isnan(read.height_m[0]) and np.isnan(read.box_px[0]).all()
 
 
-def test_jupedsim_is_given_where_a_person_faces_and_else_where_it_walks(tmp_path: Path) -> None:
+def test_jupedsim_is_given_where_a_person_surely_faces_and_else_where_it_walks(tmp_path: Path) -> None:
     columns = {"frame": [0, 1], "id": [1, 1], "x_m": [0, 1], "y_m": [0, 0], "vx_mps": [2, 2], "vy_mps": [0, 0]}
-    table = table_of(columns | {"facing_deg": [90.0, np.nan]}, "here")
+    table = table_of(columns | {"facing_deg": [90.0, 90.0], "facing_confidence": [0.9, 0.8]}, "here")
     FORMATS["jupedsim"].write(tmp_path / "tracks.sqlite", TrajectoryFile(table, 10.0, ""))
     with closing(sqlite3.connect(tmp_path / "tracks.sqlite")) as database:
         rows = database.execute("SELECT ori_x, ori_y FROM trajectory_data ORDER BY frame").fetchall()
@@ -172,7 +172,7 @@ def test_every_format_is_recognised_by_its_content_and_keeps_positions_and_where
 def test_formats_with_states_keep_every_column(name, tmp_path):
     table = two_walkers()
     table.state[3] = "lost"
-    table.height_m[3], table.facing_deg[3] = np.nan, 135.5
+    table.height_m[3], table.facing_deg[3], table.facing_confidence[3] = np.nan, 135.5, 0.75
     FORMATS[name].write(tmp_path / "x", prepared(TrajectoryFile(table), name))
     again = load_tracks(tmp_path / "x")
     for column in Trajectories.__dataclass_fields__:

@@ -84,13 +84,13 @@ def test_a_place_is_known_to_half_a_step_while_the_head_is_out_of_view(head_in_v
     person.kalman = FloorKalman.measured(np.zeros(2), 25.0 * np.eye(2), 1.0)  # hardly known before
     person.head_in_view = head_in_view
     samples = SimpleNamespace(noise=lambda pose, curvature: (0.02**2 * np.eye(2), 0.0))
-    tracker._measure(person, samples, upright((0.1, 0.0, 1.7)), np.zeros(6), 0.1)
+    tracker._measure(person, samples, upright((0.1, 0.0, 1.7)), np.zeros(6), np.zeros(8), 0.1)
     assert person.kalman.position_std_m == pytest.approx(std_m, rel=0.02)
 
 
-def test_which_way_somebody_faces_is_not_known_before_they_walk():
+def test_which_way_somebody_faces_is_not_known_before_a_silhouette_is_seen():
     person = Person.born(upright((0.0, 0.6, 1.75)), 1e-3 * np.eye(2), 100.0, 4.0, 0.0)
-    assert np.isnan(person.facing_deg)
+    assert np.isnan(person.faces).all()
 
 
 def test_a_lean_moves_the_head_and_not_the_feet():
@@ -101,7 +101,8 @@ def test_a_lean_moves_the_head_and_not_the_feet():
 def test_a_lean_follows_what_is_seen_of_it():
     person = Person.born(np.array([0.0, 0.0, 1.7, 0.0, 0.0]), 1e-3 * np.eye(2), 100.0, 4.0, 0.0)
     leaning, as_before = np.array([0.0, 0.0, 1.7, 0.0, 0.15]), body.LEAN_STD_M**-2
-    person.measure_facing(leaning, np.array([50.0, as_before]), 1.0)  # as well seen as it was known
+    along_x = -50.0 * np.sin(np.arange(8) * np.pi / 8) ** 2
+    person.measure_facing(leaning, along_x, np.array([50.0, as_before]), 1.0)  # as well seen as it was known
     assert person.lean_m == pytest.approx(0.075)
-    person.measure_facing(leaning, np.array([50.0, 0.0]), 1.0)  # not seen
+    person.measure_facing(leaning, along_x, np.array([50.0, 0.0]), 1.0)  # not seen
     assert person.lean_m == pytest.approx(0.075)

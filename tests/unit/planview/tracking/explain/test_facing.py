@@ -1,0 +1,58 @@
+import numpy as np
+import pytest
+
+from planview.tracking import body
+from planview.tracking.explain.facing import DIRECTIONS_RAD, TURNED_RAD2_PS, FacingBelief
+
+ALONG_X = -20.0 * np.sin(DIRECTIONS_RAD[: body.FACINGS // 2]) ** 2
+"""Log-likelihood ratios of a silhouette whose axis is along x."""
+
+
+def standing(belief: FacingBelief, frames: int, axis: np.ndarray = ALONG_X) -> FacingBelief:
+    """After frames at 10 per second in which somebody who does not walk is seen."""
+    for _ in range(frames):
+        belief = belief.predicted(0.1).seen(axis, 0.4, 0.0, 0.0)
+    return belief
+
+
+def walked() -> FacingBelief:
+    """After walking along x for a second."""
+    belief = FacingBelief.unknown()
+    for _ in range(10):
+        belief = belief.predicted(0.1).seen(ALONG_X, 0.4, 4.0, 0.0)
+    return belief
+
+
+def test_a_silhouette_shows_an_axis_and_not_which_end_is_ahead():
+    belief = standing(FacingBelief.unknown(), 10)
+    assert belief.axis_var < 0.3 and belief.best[1] == pytest.approx(0.5)
+    assert FacingBelief.unknown().axis_var > 1.0
+
+
+def test_walking_shows_which_end_is_ahead():
+    facing, confidence = walked().best
+    assert facing == pytest.approx(0.0, abs=1e-6) and confidence > 0.95
+
+
+def test_front_and_back_are_less_sure_the_longer_somebody_is_not_seen():
+    sure = [walked().predicted(seconds).best[1] for seconds in (0.0, 0.3, 0.6, 10.0)]
+    assert sure == sorted(sure, reverse=True) and sure[-1] == pytest.approx(0.5, abs=1e-3)
+
+
+def test_a_direction_spreads_by_the_variance_of_turns():
+    known = FacingBelief(np.eye(body.FACINGS)[0]).predicted(0.25)
+    resultant = known.share @ np.cos(DIRECTIONS_RAD)
+    assert resultant == pytest.approx(np.exp(-0.5 * TURNED_RAD2_PS * 0.25), abs=0.01)
+
+
+def test_a_turn_costs_certainty_that_standing_still_does_not():
+    turned = walked()
+    for axis in (2, 4, 6, 8):  # of 16 directions: a quarter turn every 0.2 s
+        turned = standing(turned, 2, np.roll(ALONG_X, axis))
+    assert turned.best[1] < standing(walked(), 8).best[1] - 0.1
+
+
+def test_the_ends_of_an_axis_share_all_probability():
+    belief = standing(walked(), 5)
+    (ahead, front), (behind, back) = belief.near(0.0), belief.near(np.pi)
+    assert front + back == pytest.approx(1.0) and abs(ahead) < 0.1 and abs(behind) > 3.0
