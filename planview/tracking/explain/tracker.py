@@ -91,7 +91,7 @@ class ExplainingTracker(Carried, Generic[P, Q]):
         noise, up = s.noise(pose, curvature)
         if not person.head_in_view:
             noise = noise + STEP_STD_M**2 * np.eye(2)
-        person.kalman = person.kalman.found_at(pose[:2], noise, body.SPEED_MAX_MPS)
+        person.kalman = person.kalman.found_at(pose[:2], noise)
         fresh = min(1.0, dt / self.params.errors_s)
         person.measure_facing(pose, turned, curvature[3:5], fresh)
         if person.head_in_view:

@@ -154,7 +154,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             i, k = np.unravel_index(int(np.argmax(odds)), odds.shape)
             person, newcomer, before = people[i], born[k], predicted[people[i].track_id]
             noise = newcomer.kalman.covariance[:2, :2]
-            newcomer.kalman = before.found_at(newcomer.pose[:2], noise, body.SPEED_MAX_MPS)
+            newcomer.kalman = before.found_at(newcomer.pose[:2], noise)
             newcomer.log_odds, newcomer.confirmed = person.log_odds, True
             newcomer.take_identity(person)
             self._people[i] = newcomer

@@ -54,10 +54,16 @@ def test_the_place_that_a_search_found_is_that_of_the_posterior() -> None:
     noise, start = np.array([[0.05, -0.02], [-0.02, 0.03]]), np.array([[0.04, 0.01], [0.01, 0.02]])
     kalman = FloorKalman.measured(np.array([1.0, 2.0]), start, 1.0).predicted(0.1, 2.0)
     measured = kalman.corrected(np.array([1.2, 1.9]), noise)
-    found = kalman.found_at(measured.mean[:2], noise, 2.5)
+    found = kalman.found_at(measured.mean[:2], noise)
     np.testing.assert_allclose(found.mean, measured.mean)
-    fast = kalman.found_at(np.array([9.0, 2.0]), noise, 0.5)
-    assert np.hypot(fast.vx_mps, fast.vy_mps) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("speed_mps", [1.0, 3.0, 5.0])
+def test_a_runner_has_the_own_speed_after_half_a_second(speed_mps) -> None:
+    kalman = FloorKalman.at(0.0, 0.0, 0.05)
+    for n in range(1, 9):
+        kalman = kalman.predicted(1 / 15, 2.0).updated(n / 15 * speed_mps, 0.0, 0.03)
+    assert kalman.vx_mps == pytest.approx(speed_mps, rel=0.1) and kalman.vy_mps == pytest.approx(0.0)
 
 
 def test_ids_are_given_in_order_of_confirmation_and_the_log_says_who_was_whom() -> None:
