@@ -21,7 +21,7 @@ from calib.errors import InputError
 from calib.floor_camera import FloorCamera
 from calib.types import F32, U8
 from planview.trajectories.state import State, TrackState
-from planview.trajectories.table import KEY_MAX, STATES
+from planview.trajectories.table import KEY_MAX, LAST_COLUMNS, STATES
 
 if TYPE_CHECKING:  # its kernels: readers of decisions need no numba
     from planview.maps.plan_view import PlanViewMaps
@@ -231,7 +231,7 @@ def _unfit(people: Sequence[TrackState]) -> str:
         box: object = person.box_px
         if not isinstance(box, Sequence | np.ndarray) or len(box) != 4 or not all(isinstance(n, Real) for n in box):
             return f"the box {box!r}"
-        for name in ("x_m", "y_m", "vx_mps", "vy_mps", "height_m", "facing_deg"):
+        for name in ("x_m", "y_m", "vx_mps", "vy_mps", "height_m", *LAST_COLUMNS):
             if not isinstance(value := getattr(person, name), Real):
                 return f"the {name} {value!r}"
     return ""

@@ -258,15 +258,16 @@ def read_motchallenge(path: Path, *, truth: bool) -> TrajectoryFile:
 
 
 def write_motchallenge(path: Path, file: TrajectoryFile) -> None:
-    """Rows of frame (from 1), id, box, confidence 1 and world X, Y, Z [m] with Z 0 on the floor; an unknown box or
-    position is -1 throughout, heights and times have no column."""
+    """Rows of frame (from 1), id, box, confidence (1 where unknown) and world X, Y, Z [m] with Z 0 on the floor; an
+    unknown box or position is -1 throughout, heights and times have no column."""
     table = file.table
     box, floor = (
         np.where(np.isfinite(values).all(axis=1, keepdims=True), values, -1.0)
         for values in (table.box_px, np.column_stack([table.x_m, table.y_m, np.zeros(len(table))]))
     )
-    rows = np.column_stack([table.frame + 1, table.track_id, box, np.ones(len(table)), floor])
-    np.savetxt(path, rows, ["%d", "%d", *["%.1f"] * 4, "%d", *["%.4f"] * 3], delimiter=",")
+    sure = np.where(np.isfinite(table.confidence), table.confidence, 1.0)
+    rows = np.column_stack([table.frame + 1, table.track_id, box, sure, floor])
+    np.savetxt(path, rows, ["%d", "%d", *["%.1f"] * 4, "%.4g", *["%.4f"] * 3], delimiter=",")
 
 
 MAX_BYTES = 1 << 29

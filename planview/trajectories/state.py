@@ -25,6 +25,8 @@ class TrackState:
         box_px: (left, top, width, height) in the (rectified left) image [px].
         facing_deg: where the chest points on the floor, 0 along X and 90 along Y, -180 to 180 [deg].
         facing_confidence: how probably ``facing_deg`` is not back to front, 0.5 to 1.
+        confidence: the probability that somebody is there.
+        std_m: standard deviation of the place along each axis of the floor [m].
     """
 
     track_id: int
@@ -37,6 +39,8 @@ class TrackState:
     box_px: tuple[float, float, float, float] = (math.nan, math.nan, math.nan, math.nan)
     facing_deg: float = math.nan
     facing_confidence: float = math.nan
+    confidence: float = math.nan
+    std_m: float = math.nan
 
     def __repr__(self) -> str:
         place = f"x_m={self.x_m:.2f}, y_m={self.y_m:.2f}, height_m={self.height_m:.2f}"

@@ -28,10 +28,10 @@ KEY_MAX = 2**53
 WordColumn = np.ndarray[tuple[int], np.dtype[np.str_]]
 TRACK_COLUMNS = (
     "frame", "timestamp_s", "id", "x_m", "y_m", "vx_mps", "vy_mps", "height_m", "state",
-    "left_px", "top_px", "width_px", "height_px", "facing_deg", "facing_confidence",
+    "left_px", "top_px", "width_px", "height_px", "facing_deg", "facing_confidence", "confidence", "std_m",
 )  # fmt: skip
-DECIMALS = (None, 4, None, *[4] * 5, None, *[1] * 5, 3)
-"""Of each column as it is written: 0.1 mm, 0.1 ms, 0.1 px, 0.1 degrees, 0.1 %; None where it is no fraction."""
+DECIMALS = (None, 4, None, *[4] * 5, None, *[1] * 5, 3, 4, 4)
+"""Of each column as it is written: 0.1 mm, 0.1 ms, 0.1 px, 0.1 degrees, 0.01 or 0.1 %; None where it is no fraction."""
 NUMBER_COLUMNS = tuple(name for name in TRACK_COLUMNS if name != "state")
 COLUMNS = (*TRACK_COLUMNS, "visible")
 BOX_COLUMNS, LAST_COLUMNS = TRACK_COLUMNS[9:13], TRACK_COLUMNS[13:]
@@ -147,6 +147,8 @@ class Trajectories:
         box_px, velocity_mps: (N, 4) left, top, width, height and (N, 2), float64; NaN where unknown.
         facing_deg: float64, where the chest points on the floor: 0 along X, 90 along Y, -180 to 180; NaN where unknown.
         facing_confidence: float64, how probably ``facing_deg`` is not back to front, 0.5 to 1; NaN where unknown.
+        confidence, std_m: float64, the probability that somebody is there, and the standard deviation of the place
+            along each axis [m]; NaN where unknown.
         n_frames: how many frames were tracked, where that is known; the last may show nobody.
     """
 
@@ -162,6 +164,8 @@ class Trajectories:
     velocity_mps: F64
     facing_deg: F64
     facing_confidence: F64
+    confidence: F64
+    std_m: F64
     n_frames: int | None = None
 
     def __len__(self) -> int:

@@ -49,7 +49,7 @@ def test_the_summary_tells_the_counts_and_one_speed_with_its_meaning(folder: Pat
 def test_tracks_have_the_columns_of_the_contract_and_nothing_half_written_is_left(folder: Path) -> None:
     first = (folder / "tracks.csv").read_text().splitlines()[0]
     place, box = "x_m,y_m,vx_mps,vy_mps,height_m", "left_px,top_px,width_px,height_px"
-    assert first == f"frame,timestamp_s,id,{place},state,{box},facing_deg,facing_confidence"
+    assert first == f"frame,timestamp_s,id,{place},state,{box},facing_deg,facing_confidence,confidence,std_m"
     assert [file.name for file in folder.iterdir() if file.suffix == ".part"] == []
     page = (folder / "report.html").read_text()
     assert page.rstrip().endswith("</html>") and 'src="http' not in page and 'href="http' not in page

@@ -30,6 +30,9 @@ STEPS_M = np.array([0.12, 0.05])
 """Steps of the ascent: a walker's error of prediction, and half a patch [m]."""
 PLACE_STD_MIN_M = 0.02
 """A place is never known better [m]: a body leans and swings."""
+SHARED_DISPARITY_PX = 0.04
+"""Deviation of the error of disparity that all pixels of a body share: calibration, and matching drawn to whole pixels
+[px]."""
 BOX_HALF_M = 0.4
 """Half width of the box that a body is in [m]."""
 ANYBODY = np.array([body.HEIGHT_MEAN_M, body.HEIGHT_STD_M])
@@ -188,6 +191,11 @@ class Explanation:
         what is in view may be the legs of anybody."""
         is_low = float(pose[2]) < tall_m - 2.0 * std_m
         return self.in_view(pose) and (not is_low or self.in_view(np.array([*pose[:2], tall_m])))
+
+    def shared_std_m(self, pose: F64) -> float:
+        """Deviation of a place by the disparity's error that all pixels share, in the camera that shows it best."""
+        away = [(v, math.dist(pose[:2], v.rays.centre_m[:2]), v.rays.centre_m[2] - 0.5 * pose[2]) for v in self.views]
+        return min(SHARED_DISPARITY_PX / v.rays.disparity_metre * math.hypot(far, up) * far for v, far, up in away)
 
     def touching(self, poses: F64) -> Bool:
         """(N, N) whether two people may be on one ray of a camera; nobody with oneself."""

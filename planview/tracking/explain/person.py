@@ -29,6 +29,9 @@ FACING_STD_MAX_RAD = 1.0
 """Facing is reported when the deviation of its axis is better [rad]."""
 LEANING_M2_PS = 0.02
 """Variance of the change of a lean within a second [m^2/s]."""
+HEAD_STD_M, BENT_SHARE = 0.02, 0.7
+"""Deviation of a head from the axis of the trunk along each axis [m], and how far it may be ahead of the feet for each
+metre by which it is lower than upright, beyond what a lean describes (our choice: rendered people who bend)."""
 GAIT_M = 0.03
 """A head bobs while walking [m]."""
 HEIGHT_SEEN_STD_M = 0.08
@@ -89,6 +92,7 @@ class Person:
         coloured_frames: in which colours were learned.
         confirmed: has been reported, and is until the end.
         evidence: of the last frame: log-likelihood ratio of with to without the person, plus the prior of the pose.
+        shared_m: deviation of the place by the error of disparity that all pixels share [m].
         share: visible share of the body in the last frame, of what shows something.
         known: share of the body in view of which the last frame shows something.
         unseen_s: for how long it has been looked for in vain [s].
@@ -126,6 +130,7 @@ class Person:
     coloured_frames: int = 0
     confirmed: bool = False
     evidence: float = 0.0
+    shared_m: float = 0.0
     share: float = 1.0
     known: float = 1.0
     unseen_s: float = 0.0
@@ -162,6 +167,14 @@ class Person:
         """Place below the head."""
         x_m, y_m = self.at_m
         return x_m + self.lean_m * math.cos(self.facing), y_m + self.lean_m * math.sin(self.facing)
+
+    @property
+    def head_std_m(self) -> float:
+        """Deviation of the place below the head along each axis of the floor [m]: of the filter, the lean, and what all
+        pixels have in common."""
+        bent_m = BENT_SHARE * max(self.tall_m - self.height_m, 0.0)
+        place_var = 0.5 * float(np.trace(self.kalman.covariance[:2, :2]) + self.lean_var)
+        return math.sqrt(place_var + self.shared_m**2 + HEAD_STD_M**2 + bent_m**2)
 
     @property
     def prior(self) -> Known:

@@ -165,7 +165,10 @@ class ExplainingTracker(Carried, Generic[P, Q]):
         newcomer.counted = {}
         self._exchanges.rename(was, newcomer.track_id)
 
-    def _state(self, person: P, box_px: Box = NO_BOX) -> TrackState:
+    def _state(self, person: P, box_px: Box = NO_BOX, claims: tuple[float, float] = (math.nan, math.nan)) -> TrackState:
+        """``claims``: the probability that somebody is there, and the deviation of the place [m]."""
         state = state_of(person.confirmed, person.share >= self.params.visible_min)
         k, (x_m, y_m) = person.kalman, person.head_m
-        return TrackState(person.track_id, state, x_m, y_m, k.vx_mps, k.vy_mps, person.height_m, box_px, *person.faces)
+        return TrackState(
+            person.track_id, state, x_m, y_m, k.vx_mps, k.vy_mps, person.height_m, box_px, *person.faces, *claims
+        )  # fmt: skip

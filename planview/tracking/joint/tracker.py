@@ -87,7 +87,10 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             self._add(newcomer, "spawned", reason, newcomer.evidence)
         self._recognise(frame.coloured)
         boxes = person_boxes(observation.camera, [(*person.at_m, person.height_m) for person in self._people])
-        return tuple(self._state(person, box) for person, box in zip(self._people, boxes, strict=True))
+        return tuple(
+            self._state(person, box, (self._confidence(person), person.head_std_m))
+            for person, box in zip(self._people, boxes, strict=True)
+        )
 
     def _explain(self, frame: Explanation, people: People, dt: float) -> None:
         """Places, then the frame's evidence on each person's existence."""
@@ -102,6 +105,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
                 if both < 0.0 and alone[2] > people.poses[rival, 2] + body.HEIGHT_STD_M:
                     stood_up.append((self._people[rival], alone))
             person.see(found.seen[i], min(1.0, float(found.seen[i, 2]) / frame.whole_patches(pose)))
+            person.shared_m = frame.shared_std_m(pose)
             others = np.flatnonzero(touch[i])
             person.head_in_view = frame.shows_height(pose, person.height_m, person.upright[1])
             visible = person.share >= self.params.visible_min
@@ -183,8 +187,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         An identity is decided as soon as its odds suffice, and no later than when the person has shown who it is.
         """
         p, new = self.params, [person for person in self._people if not person.confirmed]
-        report, visible = math.log(p.report / (1 - p.report)), [q for q in new if q.share >= p.visible_min]
-        sure = [q for q in visible if min(q.log_odds, q.proven, self._personhood(q)) > report]
+        sure = [q for q in new if q.share >= p.visible_min and self._confidence(q) > p.report]
         in_doubt: list[Person] = []
         for newcomer, before, odds in self._known(sure, p.floor_m2):  # before those who may be nobody
             if odds > KNOWN_LOG_ODDS:
@@ -197,6 +200,12 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         for newcomer, before, odds in self._known([q for q in new if not q.confirmed], p.floor_m2):
             if odds > KNOWN_LOG_ODDS:
                 self._continue(newcomer, before, odds)
+
+    def _confidence(self, person: Person) -> float:
+        """Probability that a person is there: of one who is not confirmed by independent evidence, and of no thing."""
+        if person.confirmed:
+            return person.existence
+        return 1.0 / (1.0 + math.exp(-min(person.log_odds, person.proven, self._personhood(person))))
 
     def _personhood(self, person: Person) -> float:
         """Log-odds of a person against a thing, by shape and own movement, and by height as far as the head is in view:

@@ -173,6 +173,7 @@ def test_formats_with_states_keep_every_column(name, tmp_path):
     table = two_walkers()
     table.state[3] = "lost"
     table.height_m[3], table.facing_deg[3], table.facing_confidence[3] = np.nan, 135.5, 0.75
+    table.confidence[2], table.std_m[2] = 0.9375, 0.0625
     FORMATS[name].write(tmp_path / "x", prepared(TrajectoryFile(table), name))
     again = load_tracks(tmp_path / "x")
     for column in Trajectories.__dataclass_fields__:
@@ -405,3 +406,10 @@ def test_text_is_written_as_its_format_asks(tmp_path):
     assert (tmp_path / "x.txt").read_text() == "# framerate: 15 fps\n# id frame x/cm y/cm z/cm\n" + rows
     FORMATS["motchallenge"].write(tmp_path / "x.txt", TrajectoryFile(two_walkers(1)))
     assert (tmp_path / "x.txt").read_text().startswith("1,1,100.0,50.0,40.0,120.0,1,-0.5000,1.0000,0.0000\n")
+
+
+def test_motchallenge_has_the_confidence_and_1_where_it_is_unknown(tmp_path: Path) -> None:
+    table = two_walkers()
+    table.confidence[0] = 0.75
+    FORMATS["motchallenge"].write(tmp_path / "x.txt", TrajectoryFile(table))
+    assert [line.split(",")[6] for line in (tmp_path / "x.txt").read_text().splitlines()[:2]] == ["0.75", "1"]
