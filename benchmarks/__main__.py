@@ -10,6 +10,7 @@ from planview.cli import main
 
 BENCHMARKS = {
     "suite": "Render random challenges of a seed, track and score them.",
+    "claims": "Compare what tracks say of themselves with the truth of rendered scenes.",
     "real": "Score every real recording with truth, and the baseline of height peaks.",
     "speed": "Time the engine side by side with plain OpenCV.",
     "counting": "Score counts and occupancy on rendered recordings.",

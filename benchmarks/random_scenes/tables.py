@@ -98,7 +98,7 @@ class Choreography(Params):
     """Time between the people's setting out [s]."""
     duration_s: float = Field(10.0, gt=0, le=600)
     """How long the middle part takes: the meeting, the standing, the sitting [s]."""
-    speed_mps: float = Field(1.1, ge=0.4, le=1.6)
+    speed_mps: float = Field(1.1, ge=0.4, le=6.0)
     spacing_m: float = Field(0.55, ge=0.42, le=1.5)
     """Distance between the body axes of people who meet or walk as a pair [m]."""
     joiners: int = Field(0, ge=0, le=2)

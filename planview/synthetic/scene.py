@@ -22,7 +22,7 @@ class Walk(Params):
 
     go: tuple[Pair, ...]
     """Points [m]."""
-    speed_mps: float = Field(1.2, gt=0.1, le=2.5)
+    speed_mps: float = Field(1.2, gt=0.1, le=6)
     push: str | None = None
     """Furniture pushed while walking (it stays where the walk ends)."""
     carry: str | None = None

@@ -19,7 +19,7 @@ from planview.trajectories.table import read_truth
 from tests.reference.noise import fractal_noise as plain_noise
 
 COMMITTED = sorted(assets.SCENES.rglob("*.toml"))
-OTHERS = {"demo", "rigs", "suite"}
+OTHERS = {"claims", "demo", "rigs", "suite"}
 SCENES = [p for p in COMMITTED if p.parent.name not in OTHERS and not p.name.endswith(".rules.toml")]
 RIG = "[rig]\nat_m = [3, 0.3, 2.5]\n"
 
