@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from functools import cached_property
 from typing import Any, cast
 
@@ -18,7 +17,7 @@ from calib.images import as_grey
 from calib.params import Params
 from calib.rig import Floor, StereoRig
 from calib.types import F32, F64, U8, AnyArray, Bool
-from stereo.depth import DEPTH_UNITS, RectifiedGeometry, back_project, median_image
+from stereo.depth import RectifiedGeometry, back_project, median_image
 from stereo.matcher import RangeParams, SgbmMatcher, SgbmParams, disparity_range
 from stereo.recording import DepthCamera, Frame, Pair, Recording, Shot
 from stereo.rectify import Rectified, Rectifier, RectifyParams, aligned_rectifier
@@ -48,8 +47,8 @@ LIKE_LIGHT = 0.2
 """Logarithm of the ratio of two images' mean luma up to which they show the same light: people change it by less."""
 MIN_VALID = 0.03
 """Smallest share of pixels with disparity in the median frame: a bare room still has more, unrelated images less."""
-_BLIND_PAIR = "left and right are swapped, the calibration belongs to another rig, or the images show no texture"
-BLIND_SENSOR = "the depth has another scale than the calibration has, or everything is out of the sensor's range"
+_BLIND_PAIR = "the images are not a pair of this rig, or show no texture"
+BLIND_SENSOR = "everything is out of the sensor's range"
 
 
 class FloorSearch(Params):
@@ -140,8 +139,7 @@ class PairFrames:
             left, right = (median_image([p.left_grey for p in pairs]), median_image([p.right_grey for p in pairs]))
             return align_plane(plane, left, right, median_image(depths), geometry)
 
-        blind = f"{_BLIND_PAIR}; a baseline of {geometry.baseline_m:.3g} m may be in another unit, such as squares"
-        return floor_in(depths, geometry, self._search.floor, blind, align)
+        return floor_in(depths, geometry, self._search.floor, _BLIND_PAIR, align)
 
 
 class DepthFrames:
@@ -187,32 +185,8 @@ class DepthFrames:
         return self.rectifier(*frame.images)[1]
 
     def floor(self) -> Floor:
-        """The floor common to the frames. Raises WorkError: hardly any depth, or no floor is visible; the message
-        names the units of depth in which one would be."""
-        try:
-            return self._floor_in(self.depths)
-        except WorkError as error:
-            units = self._recording.head.depth_units
-            if units is None:
-                raise
-            assumed, found = units.units_per_m, []
-            try:
-                for units.units_per_m in DEPTH_UNITS:
-                    with suppress(WorkError):
-                        frames = setup_frames(self._recording, self._search.frames)
-                        height_m = self._floor_in([self.depth_of(frame) for frame in frames]).height_m
-                        found.append(f"{height_m:.2f} m below the camera at {units.units_per_m:g} values per metre")
-            finally:
-                units.units_per_m = assumed
-            if not found:
-                raise
-            raise WorkError(
-                f"another unit of depth? The floor would be {', or '.join(found)} (depth_scale in the calibration); at "
-                f"{assumed:g}: {error}"
-            ) from error
-
-    def _floor_in(self, depths: Sequence[F32]) -> Floor:
-        return floor_in(depths, self.rectifier.geometry, self._search.floor, BLIND_SENSOR)
+        """The floor common to the frames. Raises WorkError: hardly any depth, or no floor is visible."""
+        return floor_in(self.depths, self.rectifier.geometry, self._search.floor, BLIND_SENSOR)
 
 
 def spread_frames(
@@ -316,7 +290,7 @@ def floor_in(
     if geometry.depth_std_min_m > 0.0:
         share = FLOOR_DISPARITY_STD_PX / geometry.disparity_std_px  # what medians leave of a frame's noise
         sigma_z = [np.float32(share) * geometry.depth_std_m(cloud[:, 2]) for cloud in clouds]
-    moved = _moved(grids)
+    moved = moved_patches(grids)
     return find_floor(
         clouds, focal_px=geometry.focal_u_px, baseline_m=geometry.baseline_m, sigma_z=sigma_z,
         moved=None if moved is None else np.concatenate(moved), bodies=[*map(long_axis, moved or ())],
@@ -332,7 +306,7 @@ def long_axis(points: F64) -> F64:
     return np.asarray(vectors[:, 2] if values[2] > ELONGATED**2 * values[1] else np.full(3, np.nan))
 
 
-def _moved(grids: list[F32]) -> list[F64] | None:
+def moved_patches(grids: Sequence[F32]) -> list[F64] | None:
     """(M, 3) points [m] of every patch in front of what is usually measured in its pixels: mostly people."""
     if len(grids) < MIN_WATCHED:
         return None

@@ -207,6 +207,7 @@ class DepthCamera:
         registration: moves depth into the pixels of the image.
         world_SE3_left: of the image's camera, from ``world.toml``, else None (the floor is then found).
         depth_units: of depth as it is stored, also of frames read later; None where its metres are known.
+        depth_camera: of depth as it is stored; None where it lies in the image's pixels.
     """
 
     camera: Camera
@@ -215,6 +216,7 @@ class DepthCamera:
     registration: Callable[[F32], F32]
     world_SE3_left: SE3 | None = None
     depth_units: Depths | None = None
+    depth_camera: Camera | None = None
     sides: ClassVar = ("image: ", "depth: ")
 
     @property

@@ -22,11 +22,11 @@ from calib.io import missing
 from calib.rig import Floor
 from calib.types import F64, U8
 from planview.checks.check import Check, limited
-from planview.checks.registration import registration_checks
 from planview.checks.scene import (
     VALID_SHARE_MIN,
     alignment_checks,
     camera_height,
+    explanation_checks,
     flicker_check,
     grey_level,
     height_check,
@@ -35,6 +35,7 @@ from planview.checks.scene import (
     large_heights,
     light_checks,
     person_heights,
+    registration_checks,
     scene_checks,
     standing_things,
     steadiness_checks,
@@ -194,6 +195,7 @@ def examine(
         *scene_checks(seen, floor, refused),
         height_check(person_heights(seen, floor), person_height_m),
     ]
+    checks += explanation_checks(recording, checks, floor, search)
     return Diagnosis(tuple(checks), seen, floor)
 
 

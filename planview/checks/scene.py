@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,14 +16,27 @@ from calib.pose import SE3
 from calib.rig import Floor
 from calib.types import F32, F64, U8, Bool
 from planview.checks.check import Check, limited
+from planview.checks.timing import Lag, lag_of, repeated_check
 from planview.foreground.ghosts import find_blobs
 from planview.foreground.steadiness import Steadiness
 from planview.maps.grid import MapParams
 from stereo.depth import RectifiedGeometry, back_project, median_image
-from stereo.floor import DepthFrames, PairFrames
+from stereo.doctor import (
+    CHANGE_LEVEL,
+    LATE,
+    REGISTER,
+    SHIFT_PX_MAX,
+    UNEXPLAINED,
+    Explained,
+    explain,
+    explain_colours,
+    place_of_depth,
+    small_depths,
+    small_images,
+)
+from stereo.floor import DepthFrames, FloorSearch, PairFrames
 from stereo.matcher import SATURATED_LEVEL
-from stereo.recording import Frame, Shot
-from stereo.rectify import Rectifier
+from stereo.recording import DepthCamera, Frame, Pair, Recording, Shot
 from stereo.rig_correction import fit_correction
 
 MIN_MATCHES = 60
@@ -28,12 +44,12 @@ MIN_MATCHES = 60
 
 
 def alignment_checks(seen: PairFrames) -> list[Check]:
-    """Row offset and what turn of a camera explains it, left-right order and mirrored pose."""
+    """Row offset, what turn of a camera explains it, and left-right order."""
     plain, matches, correction = seen.plain, seen.matches, seen.correction
     enough = len(matches) >= MIN_MATCHES
     offset = float(np.median(np.abs(matches[:, 3]))) * 640.0 / plain.geometry.width if enough else math.nan
     positive = float(np.mean(matches[:, 0] - matches[:, 2] > -0.5)) if enough else math.nan
-    turn, mirror = fit_correction(matches, plain.geometry), "row error of the pose over its mirror image"
+    turn = fit_correction(matches, plain.geometry)
     turned_deg = math.degrees(float(np.linalg.norm(turn.applied))) if enough else math.nan
     return [
         limited("matched corners", float(len(matches)), "", "corners that both cameras show", least=MIN_MATCHES),
@@ -47,40 +63,7 @@ def alignment_checks(seen: PairFrames) -> list[Check]:
         limited("camera turn", turned_deg, "deg", f"right camera since calibration; {correction}", most=0.5),
         # Row offset that is left [px]: block matching loses half of its matches beyond.
         limited("row residual", correction.after_px, "px", "median, after the rig is corrected", most=0.5),
-        # A good pose has a smaller error than its mirror images.
-        limited("mirrored pose", mirror_ratio(plain, matches), "", mirror, most=1.5),
     ]
-
-
-def mirror_ratio(rectifier: Rectifier, matches: F64) -> float:
-    """Epipolar error of the calibrated pose over that of its mirror images; NaN when the pose hardly turns.
-
-    Planar targets allow two poses, and extrinsics written the wrong way round are the inverse of the right ones: both
-    have the same translation axis and the inverse rotation, and pass for a calibration with a low reprojection error.
-    """
-    pose = rectifier.rig.right_SE3_left
-    turn = math.degrees(pose.angle_rad)
-    # Poses with less rotation look the same mirrored.
-    if len(matches) < MIN_MATCHES or turn < 0.3:
-        return math.nan
-    # (N, 3) unit rays in the recorded cameras.
-    u, v, right_u, offset = matches.T
-    rays = [
-        rectifier.geometry.rays(np.column_stack(place)) @ rotation
-        for place, rotation in zip(((u, v), (right_u, v + offset)), rectifier.rig.rectifying_rotations(), strict=True)
-    ]
-    left, right = (ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays)
-    own = epipolar_error(left, right, pose.rotation, pose.translation)
-    mirrored = [(pose.rotation.T, -pose.rotation.T @ pose.translation), (pose.rotation.T, pose.translation)]
-    other = min(epipolar_error(left, right, rotation, translation) for rotation, translation in mirrored)
-    return own / max(other, 1e-6)
-
-
-def epipolar_error(left: F64, right: F64, rotation: F64, translation: F64) -> float:
-    """Median angle [rad] between (N, 3) unit right rays and the planes through the baseline and the left rays."""
-    normals = np.cross(translation, left @ rotation.T)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    return float(np.median(np.abs(np.sum(normals * right, axis=1))))
 
 
 CODED_BLOCK_PX = 8
@@ -101,7 +84,13 @@ def image_checks(frames: Sequence[Frame[Shot]]) -> list[Check]:
         # Grey steps at the borders of blocks over those inside, which match at the same place in both cameras and
         # pull disparities there. Images as recorded have 0.7 to 1.3, JPEG of quality 10 has 5 and loses the floor.
         limited("compression", blocks, "", steps, most=2.0),
+        explained_check("colours", explain_colours(frames), "rows of both cameras have the same colours", warns=True),
     ]
+
+
+def explained_check(name: str, found: Explained | None, note: str, *, warns: bool = False) -> Check:
+    """Fails where something is explained by what should not be so."""
+    return Check(name, found is None, math.nan, note=str(found or note), warns=warns)
 
 
 def light_checks(*cameras: Sequence[U8]) -> list[Check]:
@@ -266,6 +255,72 @@ def floor_checks(floor: Floor | None, refused: str = "") -> list[Check]:
 def camera_height(height_m: float, note: str) -> Check:
     """A height above the floor from which people can be tracked."""
     return limited("camera height", height_m, "m", note, least=1.2, most=10.0)
+
+
+FLOOR_SHARE_DOUBTED = 0.2
+"""Share of a sensor's depth on the floor below which it is looked at again: depth along the ray leaves 0.1 to 0.17 of a
+floor that holds 0.25 (on two rooms)."""
+DOUBTED = frozenset({
+    "left-right order", "row offset", "camera turn", "row residual", "valid disparity", "floor share", "floor flatness",
+    "camera height", "person height",
+})  # fmt: skip
+"""Checks whose failure another reading of the recording may explain."""
+
+
+def explanation_checks(
+    recording: Recording[Pair | DepthCamera], checks: Sequence[Check], floor: Floor | None, search: FloorSearch
+) -> list[Check]:
+    """What explains the checks that failed; nothing where there is nothing to explain."""
+    small = isinstance(recording.head, DepthCamera) and floor and floor.inlier_fraction < FLOOR_SHARE_DOUBTED
+    failed = any(not check.ok and check.name in DOUBTED for check in checks)
+    if not (failed or small):
+        return []
+    found = explain(recording, search)
+    return [explained_check("explanation", found, UNEXPLAINED, warns=True)] if failed or found else []
+
+
+def registration_checks(spread: Sequence[Frame[Shot]], run: Sequence[Frame[Shot]]) -> list[Check]:
+    """Whether depth lies on its image, of frames spread over a recording, and is of its time, of consecutive ones."""
+    (across, down), found = place_of_depth(spread)
+    known = f"edges and people fit best {across:+.0f} px to the right, {down:+.0f} down, of 640"
+    note, name = known if math.isfinite(across) else "too few edges to compare", "depth on its image"
+    if found:  # depth of another place is worse, of another view useless
+        place = explained_check(name, found, note, warns=found.hypothesis.remedy == REGISTER)
+    else:
+        place = limited(name, max(abs(across), abs(down)), "px", note, most=SHIFT_PX_MAX, warns=True)
+    lag = delay_of(run) if place.ok or place.warns else Lag()
+    delay = lag.check("depth delay", "depth", " of its image", apart=lag.apart)
+    return [place, delay if delay.ok else replace(delay, note=f"{delay.note}: {LATE['depth'].remedy}")]
+
+
+def run_checks(recording: Recording[Any]) -> list[Check]:
+    """The checks of images with depth on frames of a recording that is about to be tracked."""
+    first = max(0, recording.n_frames // 2 - CONSECUTIVE // 2)
+    run = recording.at(list(range(first, min(recording.n_frames, first + CONSECUTIVE))))
+    return [*registration_checks(recording.sample(8), run), repeated_check([frame.image for frame in run])]
+
+
+CONSECUTIVE = 48
+"""Frames in a row in which a delay is searched (our choice)."""
+CELLS = (6, 8)
+"""Parts of the image, down and across, in which movement is compared over time."""
+
+
+def delay_of(frames: Sequence[Frame[Shot]]) -> Lag:
+    """Frames by which depth moves after its image (see ``lag_of``)."""
+    if len(frames) < 2:
+        return Lag()
+    images, depths = small_images(frames), small_depths(frames)
+    moved = [_cells(np.abs(b - a) > CHANGE_LEVEL) for a, b in pairwise(images)]
+    with np.errstate(invalid="ignore"):
+        stepped = [_cells(np.abs(b - a) > 0.1 + 0.02 * a**2) for a, b in pairwise(depths)]
+    return lag_of(np.stack(moved), np.stack(stepped))
+
+
+def _cells(mask: F32) -> F64:
+    """The root of the share of a mask in each part of the image."""
+    share = cv2.resize(mask.astype(np.float32), CELLS[::-1], interpolation=cv2.INTER_AREA)
+    return np.sqrt(share.astype(np.float64)).ravel()
 
 
 def depth_checks(geometry: RectifiedGeometry) -> list[Check]:

@@ -15,11 +15,11 @@ from calib.rig import Floor
 from calib.types import F64
 from calib.world import RIGS_FILE
 from planview.checks.check import Check
-from planview.checks.registration import run_checks
-from planview.checks.scene import alignment_checks, floor_checks, image_checks
+from planview.checks.scene import alignment_checks, explanation_checks, floor_checks, image_checks, run_checks
 from planview.engine.config import Config
 from planview.maps.grid import FloorRig, Grid, floor_in_view
 from stereo.depth import RectifiedGeometry
+from stereo.doctor import UNEXPLAINED, explain
 from stereo.floor import DepthFrames, FloorSearch, spread_frames
 from stereo.matcher import Matcher, disparity_range
 from stereo.measure import Measure, PairMeasure, SensorMeasure
@@ -57,9 +57,9 @@ def set_up(
     head, seen = recording.head, spread_frames(recording, floor_search(config))
     if isinstance(seen, DepthFrames):
         return _set_up_depth(recording, seen, config, pose_file)
-    refuse_foreign(recording.path, seen.plain, seen.matches)
-    light = image_checks(seen.frames)
+    light, search = image_checks(seen.frames), floor_search(config)
     try:
+        refuse_foreign(seen.plain, seen.matches)
         if head.world_SE3_left is not None:
             floor, source = Floor(head.world_SE3_left), pose_file
         else:
@@ -67,21 +67,27 @@ def set_up(
             if floor.doubt and any(check.name == "compression" and check.failed for check in light):
                 raise WorkError(f"no floor found: {floor.doubt}, and compressed blocks match like such a plane")
     except WorkError as error:
-        raise _explained(error, light) from error
-    checks = *light, *alignment_checks(seen), *floor_checks(floor)
+        raise _explained(error, light, recording, search) from error
+    checks = [*light, *alignment_checks(seen), *floor_checks(floor)]
+    checks += explanation_checks(recording, checks, floor, search)
     geometry = seen.rectifier.geometry
     grid, step = _analysed(recording.path, geometry, floor, source, config)
     searched = disparity_range(geometry, config.range, floor)
     return Setup(
         geometry, floor, source, seen.rectifier.rig.source, seen.correction.after_px, searched, grid, step,
-        correction=str(seen.correction), checks=checks,
+        correction=str(seen.correction), checks=tuple(checks),
         measure=PairMeasure(seen.rectifier, config.sgbm, searched, step, matcher),
     )  # fmt: skip
 
 
-def _explained(error: WorkError, checks: Sequence[Check]) -> WorkError:
-    """A floor that is not found, behind what is wrong with the images."""
-    return WorkError("; ".join([*(check.sentence for check in checks if check.failed), str(error)]))
+def _explained(
+    error: WorkError, checks: Sequence[Check], recording: Recording[Pair | DepthCamera], search: FloorSearch
+) -> WorkError:
+    """A floor that is not found, behind what is wrong with the images and what would explain it."""
+    reasons = [check.sentence for check in checks if check.failed]
+    if not reasons:
+        reasons.append(str(explain(recording, search) or UNEXPLAINED))
+    return WorkError(f"{recording.path}: {'; '.join([*reasons, str(error)])}")
 
 
 def _set_up_depth(recording: Recording[Pair | DepthCamera], seen: DepthFrames, config: Config, pose_file: str) -> Setup:
@@ -92,12 +98,15 @@ def _set_up_depth(recording: Recording[Pair | DepthCamera], seen: DepthFrames, c
         try:
             floor, source = seen.floor(), "found"
         except WorkError as error:
-            raise _explained(error, run_checks(recording)[:1]) from error  # a delay by depth in another unit is none
+            # A delay of depth in another unit is none.
+            raise _explained(error, run_checks(recording)[:1], recording, floor_search(config)) from error
     geometry = seen.rectifier.geometry
     grid, step = _analysed(recording.path, geometry, floor, source, config)
+    checks = [*floor_checks(floor), *run_checks(recording)]
+    checks += explanation_checks(recording, checks, floor, floor_search(config))
     return Setup(
         geometry, floor, source, head.source, math.nan, seen.searched, grid, step, sensor=head.sensor,
-        checks=(*floor_checks(floor), *run_checks(recording)), measure=SensorMeasure(seen.rectifier, step),
+        checks=tuple(checks), measure=SensorMeasure(seen.rectifier, step),
     )  # fmt: skip
 
 
@@ -116,26 +125,18 @@ def floor_search(config: Config) -> FloorSearch:
     return FloorSearch(frames=frames, rectify=config.rectify, range=config.range, sgbm=config.sgbm, floor=config.floor)
 
 
-def refuse_foreign(path: Path, rectifier: Rectifier, matches: F64) -> None:
+def refuse_foreign(rectifier: Rectifier, matches: F64) -> None:
     """Matched corners, (N, 4) float64 [px] as from ``match_corners``, lie nearer than infinity and about on their rows
-    in the images of the calibration as it is. Raises WorkError: left and right are swapped, or the calibration is
-    another rig's."""
+    in the images of the calibration as it is. Raises WorkError: they do not."""
     # Fewest corners matched in both images by which they are (our choice).
     if len(matches) < 40:
         return
     beyond = float(np.mean(matches[:, 0] - matches[:, 2] <= -0.5))
     # Of swapped images nearly all are beyond (our choice).
     if beyond > 0.5:
-        raise WorkError(
-            f"{path}: expected the left camera's images left and the right one's right, found {beyond:.0%} of "
-            "the matched corners beyond infinity: left and right are swapped, both cameras are upside down, or "
-            "the calibration is wrong"
-        )
+        raise WorkError(f"expected matched corners nearer than infinity, found {beyond:.0%} of them beyond")
     rows_deg = math.degrees(float(np.median(np.abs(matches[:, 3]))) / rectifier.geometry.focal_v_px)
     # Largest median row offset of the corners as an angle: a camera that turned by more has lost its calibration (our
     # choice; a worn factory calibration has 0.1).
     if rows_deg > 1.0:
-        raise WorkError(
-            f"{path}: expected matched corners on the same row, found them {rows_deg:.1f} degrees off: "
-            "left and right are swapped, or the calibration is another rig's"
-        )
+        raise WorkError(f"expected matched corners on the same row, found them {rows_deg:.1f} degrees off")

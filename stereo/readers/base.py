@@ -205,7 +205,7 @@ def rgbd_layout(
         folder = path if path.is_dir() else path.parent
         units = depths.pixels if isinstance(depths.pixels, Depths) else None
         registration, pose = DepthRegistration(found), world_pose(folder)
-        head = DepthCamera(found.camera, found.source, sensor, registration, pose, units)
+        head = DepthCamera(found.camera, found.source, sensor, registration, pose, units, found.depth_camera)
         return Recording(path, together(images, depths), images.n_frames, clock, own, head)
 
     return Layout("rgbd", streams, images.n_frames, clock, remarks, unpaired, opened)

@@ -45,7 +45,7 @@ FOLDER_FAULTS = (
     Fault("half of the right images missing", removed(*(f"right/{i:06d}.png" for i in range(15))), 2, "15 in right"),
     Fault("every image claims 60000 x 60000", images(lambda i, n: i[:0].reshape(0, 160) if n < 0 else i[:60], ["right"]), 2, "160x60"),
     Fault("frame number of 30 digits", lambda f: [(f / i).rename(f / i.split("/")[0] / f"{'9' * 30}.png") for i in (L, R)]),
-    Fault("sides swapped", swapped, 1, "swapped"),
+    Fault("sides swapped", swapped, 1, "left and right are exchanged"),
     Fault("right camera covered", images(lambda i, n: np.full_like(i, 2), ["right"]), 0, warns="matched corners"),
     Fault("left camera is noise", images(lambda i, n: np.random.default_rng(n).integers(0, 255, i.shape, np.uint8), ["left"]), 0, warns="matched corners"),
     Fault("not a recording", lambda f: [p.unlink() if p.is_file() else removed(p.name)(f) for p in f.iterdir()], 2, "empty folder"),
@@ -62,7 +62,7 @@ TIMING_FAULTS = (
 )  # fmt: skip
 IMAGE_FAULTS = (
     Fault("rows one pixel off", images(lambda i, n: np.roll(i, 1, axis=0), ["right"]), warns="row offset"),
-    Fault("rows far off", images(lambda i, n: np.roll(i, 5, axis=0), ["right"]), 1, "another rig"),
+    Fault("rows far off", images(lambda i, n: np.roll(i, 5, axis=0), ["right"]), 1, "causes that were tried"),
     Fault("compressed to blocks", images(blocks), warns="compression"),
     Fault("over-exposed", images(lambda i, n: np.clip(i.astype(np.float32) * 1.9, 0, 255).astype(np.uint8)), warns="over-exposure"),
     Fault("dark", images(lambda i, n: i // 6), warns="under-exposure"),

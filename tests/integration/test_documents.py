@@ -13,6 +13,7 @@ from short_clip import ROOT
 import planview
 from planview.cli import main, make_app
 from planview.counting.rules import load_rules
+from stereo.doctor import HYPOTHESES
 from tools.typed import CANNOT_RUN, PAGES, RULES, blocks, commands, words
 
 ALL = sorted(
@@ -53,6 +54,7 @@ def test_call_in_the_text_of_the_documents_has_these_arguments(call: str) -> Non
 def test_messages_in_troubleshooting_are_those_of_the_program() -> None:
     files = [file for room in ("calib", "stereo", "planview") for file in (ROOT / room).rglob("*.py")]
     sources = "\n".join(re.sub(r'"\n *f?"', "", file.read_text(encoding="utf-8")) for file in files)
+    sources += "\n".join(hypothesis.name for hypothesis in HYPOTHESES)
     page = (ROOT / "docs" / "troubleshooting.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `([^`]*)`", page, re.MULTILINE)
     parts = [part.strip(" )%,") for row in rows for part in re.split(r"\.\.\.|\(", row)]

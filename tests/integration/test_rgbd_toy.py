@@ -16,7 +16,7 @@ from planview.checks.examine import examine
 from planview.engine.config import Config
 from planview.engine.engine import Engine
 from planview.engine.open import open_engine
-from stereo.floor import DepthFrames
+from stereo.doctor import explain
 from stereo.readers.open import open_any
 
 FEW = Config.model_validate({"analysis": {"setup_frames": 6}})
@@ -44,7 +44,7 @@ def test_unit_of_depth_that_gives_a_floor_is_named(recording: Path, tmp_path: Pa
     for file in (tmp_path / "other" / "depth").iterdir():
         stored = cv2.imread(str(file), cv2.IMREAD_UNCHANGED) * factor
         cv2.imwrite(str(file), np.where(stored < 65535, stored, 0).astype(np.uint16))
-    with pytest.raises(WorkError, match=rf"unit of depth\? .*{HEIGHT_M:.1f}\d m below the camera at {unit} values"):
+    with pytest.raises(WorkError, match=rf"counts {unit} values per metre, the floor is {HEIGHT_M:.1f}\d m"):
         open_engine(tmp_path / "other", config=FEW)
 
 
@@ -52,17 +52,14 @@ def test_unit_of_depth_is_kept_when_the_search_for_another_one_fails(
     recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     opened = open_any(recording)
-    opened.head.depth_units.units_per_m = 1e5  # the floor would be a few centimetres below the camera
-    seen = DepthFrames(opened)
-    assert len(seen.depths) > 0
 
     def fail(*_: object) -> NoReturn:
         raise InputError("a file is gone")
 
-    monkeypatch.setattr("stereo.floor.setup_frames", fail)
+    monkeypatch.setattr(opened, "decode", fail)
     with pytest.raises(InputError, match="a file is gone"):
-        seen.floor()
-    assert opened.head.depth_units.units_per_m == 1e5
+        explain(opened)
+    assert opened.head.depth_units.units_per_m == 1000
 
 
 def test_floor_of_depth_is_calibrated_as_a_run_finds_it(recording: Path, json_of: JsonOf) -> None:
@@ -106,4 +103,4 @@ def test_wrong_scale_is_refused_with_its_likely_cause(recording: Path, tmp_path:
     calibration = copy / "camera.json"
     calibration.write_text(calibration.read_text().replace("{", '{"depth_scale": 10, ', 1))
     status, text = cli("run", copy, "--out", tmp_path / "out")
-    assert status == 1 and "another scale" in text
+    assert status == 1 and "depth counts 1000 values per metre, the floor is 2.5" in text

@@ -231,7 +231,7 @@ def test_fault_of_the_images(fault, tmp_path, pairs):
         (RIG.swapped(), 4, {"calibration and layout"}),
         (claimed(scale=1000.0), COUNT, {"calibration and layout"}),
         (toy_rig((400, 240)), 6, {"calibration and layout"}),
-        (claimed(mirrored=True), 8, {"mirrored pose"}),
+        (claimed(mirrored=True), 8, {"row offset"}),
         (turned(RIG, (0.0, 0.0, 2.0)), 8, {"camera turn"}),
     ],
     ids=["cameras swapped", "millimetres", "another image size", "mirrored pose", "turned camera"],
