@@ -47,6 +47,8 @@ CAMERA_M, CAMERA_SPREAD = 2.5, 0.5
 PERSON_M, PERSON_STD_M, PERSON_STDS_MAX = 1.7, 0.15, 5.0
 """Height of the taller of what moves, mostly adults, its deviation with that of the measurement [m], and the deviations
 from which on it speaks no more against a floor: what moves may be a door."""
+PLAUSIBLE = -6.0
+"""Least plausibility of a floor that explains anything: a tenth of the depth 9 m below, or people of 1.3 m or 2.1 m."""
 EDGES_MIN = 0.15
 """Sum of the correlations of edges and of what moves from which they are judged; what belongs together has 0.5 or more
 (our choice)."""
@@ -306,7 +308,7 @@ def _taken(
 def _better(tried: Iterable[tuple[Hypothesis, FloorView]], own: FloorView) -> Explained | None:
     """The hypothesis of the most plausible view, where that is better than the view as recorded."""
     hypothesis, view = max(tried, key=lambda one: one[1].plausible)
-    if view.floor is None or view.plausible < own.plausible + math.log(BETTER):
+    if view.floor is None or view.plausible < max(PLAUSIBLE, own.plausible + math.log(BETTER)):
         return None
     return Explained(hypothesis, str(view) + (f" in place of {own.floor.height_m:.2f} m" if own.floor else ""))
 
@@ -391,11 +393,12 @@ def explain_colours(frames: Sequence[Frame[Shot]]) -> Explained | None:
     """Whether one camera of a pair has red where the other has blue: rows of both show about the same colours."""
     if not frames or any(image.ndim != 3 for frame in frames for image in frame.images):
         return None
-    redder = [[image[..., 2].mean(axis=1) - image[..., 0].mean(axis=1) for image in frame.images] for frame in frames]
-    left, right = np.array(redder).transpose(1, 0, 2)
-    apart, opposed = float(np.square(left - right).mean()), float(np.square(left + right).mean())
-    # A grey level of colour is less than a camera's white balance.
-    if apart <= max(BETTER**2 * opposed, 1.0):
+    rows = [[cv2.resize(image, (1, 24), interpolation=cv2.INTER_AREA) for image in frame.images] for frame in frames]
+    left, right = np.array(rows, dtype=np.float64).swapaxes(0, 1)
+    apart, opposed = (float(np.square(left - other).mean()) for other in (right, right[..., ::-1]))
+    green, other = (side[..., 1].ravel() - side[..., 1].mean() for side in (left, right))
+    # A grey level of colour is less than a camera's white balance; what is bright in one is dark in a negative.
+    if apart <= max(BETTER**2 * opposed, 1.0) or green @ other <= 0:
         return None
     gives = (
         f"left and right rows differ in colour by {math.sqrt(opposed):.1f} levels in place of {math.sqrt(apart):.1f}"
