@@ -32,4 +32,5 @@ def check(call: Call) -> None:
         say(f"{result.correction}: {f'wrote {rig}' if (rig := call['corrected_rig']) else way}")
     if failed := [check.name for check in result.checks if check.failed]:
         count = f"{len(failed)} of {len(result.checks)} checks failed"
-        raise WorkError(f"{call['recording']}: {count}: {', '.join(failed)}")
+        pictures = "" if call["out"] else "; --out FOLDER draws a frame with its depth and rows"
+        raise WorkError(f"{call['recording']}: {count}: {', '.join(failed)}{pictures}")
