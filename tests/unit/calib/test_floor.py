@@ -239,3 +239,17 @@ def test_world_file_refuses_what_is_no_camera_above_a_floor(tmp_path: Path, text
     (tmp_path / "world.toml").write_text(text)
     with pytest.raises(InputError, match=message):
         load_world(tmp_path / "world.toml")
+
+
+@pytest.mark.parametrize("people", [False, True])
+def test_floor_of_a_level_camera_is_found_though_it_is_a_strip_and_the_ceiling_is_larger(people: bool) -> None:
+    room = Room(pose_of(90.0, 1.0))
+    room.add(FLOOR, 0.0)
+    room.add(FLOOR, 2.6)
+    room.add(WALL, 6.0)
+    room.add(FLOOR, 0.6, (-9.0, -0.3, 0.0, 6.0))  # tables to both sides
+    room.add(FLOOR, 0.6, (0.3, 9.0, 0.0, 6.0))
+    measured = np.isfinite(room.depth)
+    assert 0.02 < float(np.mean((room.world[:, 2] * room.depth)[measured] < -0.99)) < 0.12
+    floor = found(room.clouds(people=people))
+    assert floor.height_m == pytest.approx(1.0, abs=0.05) and floor.tilt_rad == pytest.approx(math.pi / 2, abs=0.03)
