@@ -17,6 +17,7 @@ BENCHMARKS = {
     "damaged": "Put frames that show nothing into recordings, and score the trackers.",
     "pets": "Score the single-camera trackers on PETS S2-L1 view 1.",
     "calibration": "Score board, floor and human calibration against known truth.",
+    "doctor": "Make faults in healthy recordings and print which of them are named.",
 }
 
 
