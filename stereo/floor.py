@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, cast
 
 import cv2
@@ -23,6 +24,7 @@ from stereo.recording import DepthCamera, Frame, Pair, Recording, Shot
 from stereo.rectify import Rectified, Rectifier, RectifyParams, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
 from stereo.rig_correction import match_corners
+from stereo.viewpoint import Viewpoints, of_one_viewpoint
 
 SETUP_FRAMES = 24
 """Frames, spread over a recording, in which floor and rig are measured."""
@@ -70,10 +72,17 @@ class PairFrames:
         rectifier: of the corrected calibration.
         correction: of the calibration, in pixels of the rectifier's images.
         searched: disparities from infinity to ``range.nearest_m``.
+        elsewhere: index of each other frame in which a camera looks elsewhere, and how, in words.
     """
 
-    def __init__(self, rig: StereoRig, frames: Sequence[Frame[Shot]], search: FloorSearch | None = None) -> None:
-        self.frames, self._rig, self._search = frames, rig, search or FloorSearch()
+    def __init__(
+        self,
+        rig: StereoRig,
+        frames: Sequence[Frame[Shot]],
+        search: FloorSearch | None = None,
+        elsewhere: Mapping[int, str] = MappingProxyType({}),
+    ) -> None:
+        self.frames, self._rig, self._search, self.elsewhere = frames, rig, search or FloorSearch(), elsewhere
         self.rectifier, self.correction = aligned_rectifier(rig, frames, self._search.rectify)
         geometry = self.rectifier.geometry
         self.searched = disparity_range(geometry, self._search.range)
@@ -103,6 +112,13 @@ class PairFrames:
     def rectified(self) -> list[Rectified]:
         """Each pair, rectified."""
         return [self.rectifier(*frame.images) for frame in self.frames]
+
+    @property
+    def viewpoints(self) -> Viewpoints:
+        """Where the rectified cameras look."""
+        geometry = self.rectifier.geometry
+        shots = [(pair.left_grey, pair.right_grey) for pair in self.rectified]
+        return Viewpoints(shots, geometry.focal_u_px / geometry.width)
 
     @property
     def images(self) -> list[U8]:
@@ -151,9 +167,24 @@ class DepthFrames:
         self.searched = self.rectifier.disparities()
 
     @cached_property
+    def _seen(self) -> tuple[list[Frame[Shot]], dict[int, str]]:
+        return _of_one_view(self._recording, self._search.frames)
+
+    @property
     def frames(self) -> list[Frame[Shot]]:
         """As recorded."""
-        return setup_frames(self._recording, self._search.frames)
+        return self._seen[0]
+
+    @property
+    def elsewhere(self) -> Mapping[int, str]:
+        """Index of each other frame in which the camera looks elsewhere, and how, in words."""
+        return self._seen[1]
+
+    @property
+    def viewpoints(self) -> Viewpoints:
+        """Where the camera looks, without distortion."""
+        geometry = self.rectifier.geometry
+        return Viewpoints(self.rectified, geometry.focal_u_px / geometry.width)
 
     @cached_property
     def rectified(self) -> list[tuple[U8, F32]]:
@@ -194,7 +225,8 @@ def spread_frames(
 ) -> PairFrames | DepthFrames:
     """Frames spread over a recording, in which its floor is measured. Raises WorkError: none can be used."""
     if isinstance(recording.head, Pair):
-        return PairFrames(recording.head.rig, setup_frames(recording, (search or FloorSearch()).frames), search)
+        frames, elsewhere = _of_one_view(recording, (search or FloorSearch()).frames)
+        return PairFrames(recording.head.rig, frames, search, elsewhere)
     return DepthFrames(cast(Recording[DepthCamera], recording), search)
 
 
@@ -322,8 +354,16 @@ def moved_patches(grids: Sequence[F32]) -> list[F64] | None:
 
 
 def setup_frames(recording: Recording[Any], count: int = SETUP_FRAMES) -> list[Frame[Shot]]:
-    """Usable frames spread over a recording. Raises WorkError: there is none."""
-    frames = recording.sample(count)
+    """Usable frames spread over a recording, of the view that most of them show. Raises WorkError: there is none."""
+    return _of_one_view(recording, count)[0]
+
+
+def _of_one_view(recording: Recording[Any], count: int) -> tuple[list[Frame[Shot]], dict[int, str]]:
+    """``setup_frames``, and of the frames with another view the index, and which camera has moved in it."""
+    frames, head = recording.sample(count), recording.head
     if not frames:
         raise WorkError(f"{recording.path}: none of {recording.n_frames} frames can be used")
-    return frames
+    if not isinstance(head, Pair | DepthCamera):
+        return frames, {}
+    usual, others = of_one_viewpoint([frame.images for frame in frames], head.camera.fx / head.camera.width)
+    return [frames[number] for number in usual], {frames[number].index: how for number, how in others.items()}

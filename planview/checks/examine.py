@@ -26,6 +26,7 @@ from planview.checks.scene import (
     VALID_SHARE_MIN,
     alignment_checks,
     camera_height,
+    elsewhere_check,
     explanation_checks,
     flicker_check,
     grey_level,
@@ -189,6 +190,7 @@ def examine(
     checks = [
         Check("calibration and layout", True, 1.0, note=recording.head.source),
         *times,
+        elsewhere_check(seen.elsewhere),
         *seen_in_images,
         flicker_check([grey_level(frame.image) for frame in run]),
         *geometry,

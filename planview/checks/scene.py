@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -38,6 +38,7 @@ from stereo.floor import DepthFrames, FloorSearch, PairFrames
 from stereo.matcher import SATURATED_LEVEL
 from stereo.recording import DepthCamera, Frame, Pair, Recording, Shot
 from stereo.rig_correction import fit_correction
+from stereo.viewpoint import Standing
 
 MIN_MATCHES = 60
 """Fewest corners found in both images on which the geometry is judged."""
@@ -118,6 +119,24 @@ def steadiness_checks(steadiness: Steadiness) -> list[Check]:
         limited("moving camera", round(steadiness.moving_s, 2), "s", moves, most=0.5),
         limited("scene cuts", float(len(steadiness.cuts)), "", cuts, most=0.0),
     ]
+
+
+def standing_check(standing: Standing) -> Check:
+    """Whether the cameras stood where they stood when the floor was measured, from the frames so far."""
+    note = "the cameras look where they looked when the floor was measured"
+    if standing.first is not None:
+        frame, time_s = standing.first
+        note = (
+            f"{standing.how} at frame {frame} ({time_s:.1f} s): calibration and floor are of the view before, and "
+            f"nobody is reported in the {standing.moved_frames} frames that show another"
+        )
+    return Check("camera moved", standing.first is None, float(standing.moved_frames), "frames", note=note)
+
+
+def elsewhere_check(elsewhere: Mapping[int, str]) -> Check:
+    """The same, from the frames spread over a recording that show another view than the others."""
+    note = next((f"{how} at frame {frame} or before" for frame, how in elsewhere.items()), "the same view throughout")
+    return Check("camera moved", not elsewhere, float(len(elsewhere)), "frames", note=note)
 
 
 def grey_level(image: U8) -> float:

@@ -23,7 +23,7 @@ from calib.ground_camera import GroundCamera
 from calib.images import as_grey
 from calib.types import U8, AnyArray
 from planview.checks.check import Check
-from planview.checks.scene import steadiness_checks
+from planview.checks.scene import standing_check, steadiness_checks
 from planview.engine.config import Config, FeedbackParams, SingleCameraParams
 from planview.engine.setup import Setup
 from planview.foreground.ghosts import Ghosts
@@ -37,6 +37,7 @@ from planview.tracking.base import Decision, ImageTracker
 from planview.trajectories.state import TrackState
 from stereo.depth import Depth, Matched
 from stereo.recording import Frame, Shot
+from stereo.viewpoint import Standing
 
 OWN_M = 0.6
 """Foreground this near to a person's axis on the floor belongs to the person [m]: an arm's length."""
@@ -128,7 +129,7 @@ class RigHead(Carried):
     """A pair or a depth sensor above its floor.
 
     Attributes:
-        foreground, views, feedback: the stages after measuring.
+        standing, foreground, views, feedback: the stages after measuring.
     """
 
     ahead, records = 2, True
@@ -145,7 +146,7 @@ class RigHead(Carried):
         self.foreground = Foreground(
             config.foreground, self.views.shape, geometry.disparity_std_per_px2, step, geometry.disparity_metre
         )
-        self.feedback = Feedback(config.feedback)
+        self.feedback, self.standing = Feedback(config.feedback), Standing(setup.viewpoints)
         self.reset()
 
     def reset(self) -> None:
@@ -162,9 +163,9 @@ class RigHead(Carried):
 
     @property
     def checks(self) -> list[Check]:
-        """Of the frames in which floor and rig were found."""
+        """Of the frames in which floor and rig were found, and whether the cameras stand as they did in these."""
         named = f"{self.name}: " if self.name else ""
-        return [replace(check, name=named + check.name) for check in self.rig.checks]
+        return [replace(c, name=named + c.name) for c in (*self.rig.checks, standing_check(self.standing))]
 
     def measure(self, shot: Shot, clock: StageClock) -> Depth:
         """Rectify a shot, and match the images of a pair in which something has moved."""
@@ -179,6 +180,9 @@ class RigHead(Carried):
             return View.unknown(self.views.shape, rays=self.views.rays)
         self._tracked_last = measured.matched
         foreground, now_s = self.foreground, frame.timestamp_s
+        if not self.standing.update(frame.index, now_s, measured.greys or (measured.image,)):
+            clock.record("foreground")
+            return View.unknown(self.views.shape, measured.image, self.views.rays, measured)
         mask = foreground.update(measured.image, measured.disparity, now_s, self.feedback.mask)
         clock.record("foreground")
         if not foreground.shows:
@@ -196,7 +200,10 @@ class RigHead(Carried):
 
     def memory(self) -> dict[str, Carried]:
         """What is carried from frame to frame."""
-        return {"match": self, "foreground": self.foreground, "feedback": self.feedback, "views": self.views}
+        return {
+            "match": self, "standing": self.standing, "foreground": self.foreground,
+            "feedback": self.feedback, "views": self.views,
+        }  # fmt: skip
 
 
 class Feedback(Carried):

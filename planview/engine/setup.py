@@ -25,6 +25,7 @@ from stereo.matcher import Matcher, disparity_range
 from stereo.measure import Measure, PairMeasure, SensorMeasure
 from stereo.recording import DepthCamera, Pair, Recording
 from stereo.rectify import Rectifier
+from stereo.viewpoint import Viewpoints
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -33,10 +34,12 @@ class Setup(FloorRig):
 
     Attributes:
         measure: gives the depth of a shot, by the calibration as the recording corrects it.
+        viewpoints: where its cameras looked in these frames.
         checks: what these frames show of the calibration.
     """
 
     measure: Measure
+    viewpoints: Viewpoints
     checks: tuple[Check, ...]
 
 
@@ -75,7 +78,7 @@ def set_up(
     searched = disparity_range(geometry, config.range, floor)
     return Setup(
         geometry, floor, source, seen.rectifier.rig.source, seen.correction.after_px, searched, grid, step,
-        correction=str(seen.correction), checks=tuple(checks),
+        correction=str(seen.correction), checks=tuple(checks), viewpoints=seen.viewpoints,
         measure=PairMeasure(seen.rectifier, config.sgbm, searched, step, matcher),
     )  # fmt: skip
 
@@ -105,7 +108,8 @@ def _set_up_depth(recording: Recording[Pair | DepthCamera], seen: DepthFrames, c
     checks = [*floor_checks(floor), *run_checks(recording)]
     checks += explanation_checks(recording, checks, floor, floor_search(config))
     return Setup(
-        geometry, floor, source, head.source, math.nan, seen.searched, grid, step, sensor=head.sensor,
+        geometry, floor, source, head.source, math.nan, seen.searched, grid, step,
+        sensor=head.sensor, viewpoints=seen.viewpoints,
         checks=tuple(checks), measure=SensorMeasure(seen.rectifier, step),
     )  # fmt: skip
 
