@@ -29,6 +29,7 @@ from planview.checks.scene import (
     elsewhere_check,
     explanation_checks,
     flicker_check,
+    given_floor_check,
     grey_level,
     height_check,
     heights_above_floor,
@@ -179,6 +180,7 @@ def examine(
         floor = seen.floor()
     except WorkError as error:
         refused = str(error)
+    given = recording.head.world_SE3_left
     run, times = _run_of(recording, seen.frames, frames, search)
     if isinstance(seen, PairFrames):
         watch = MotionWatch()
@@ -194,6 +196,7 @@ def examine(
         *seen_in_images,
         flicker_check([grey_level(frame.image) for frame in run]),
         *geometry,
+        *([given_floor_check(seen, given, floor, "world.toml")] if given is not None and floor is not None else []),
         *scene_checks(seen, floor, refused),
         height_check(person_heights(seen, floor), person_height_m),
     ]

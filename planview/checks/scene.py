@@ -11,6 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from calib.floor.plane import MIN_INLIER_FRACTION
 from calib.images import as_grey
 from calib.pose import SE3
 from calib.rig import Floor
@@ -269,6 +270,54 @@ def floor_checks(floor: Floor | None, refused: str = "") -> list[Check]:
     if floor and floor.doubt:
         checks.append(Check("floor or wall", False, math.degrees(floor.tilt_rad), "deg", note=floor.doubt, warns=True))
     return checks
+
+
+OUTDATED_DEG, OUTDATED_M = 2.0, 0.10
+"""A floor that is further from the one that the images show puts the heads of people 6 cm beside their places, or makes
+people 10 cm taller or smaller; right ones of rendered rooms are within 0.4 degrees and 1 cm."""
+OUTDATED_DEVIATIONS = 4.0
+"""And as many standard deviations of the one that the images show."""
+OUTDATED_RATIO = 3.0
+"""Points on the plane that the images show alone, over those on the given one alone, from which that is no other plane
+of the same room."""
+
+
+def given_floor_check(seen: PairFrames | DepthFrames, given: SE3, found: Floor, source: str) -> Check:
+    """Whether a floor that was measured before is still that which the background shows; ``source`` names its file."""
+    now, name = found.world_SE3_left, "given floor"
+    angle_deg = math.degrees(math.acos(min(1.0, float(given.rotation[2] @ now.rotation[2]))))
+    lower_m = float(given.translation[2]) - found.height_m
+    spread = np.zeros(3) if found.covariance is None else OUTDATED_DEVIATIONS * np.sqrt(np.diag(found.covariance))
+    has_rotated = angle_deg > max(OUTDATED_DEG, math.degrees(float(spread[1:].max())))
+    has_moved = abs(lower_m) > max(OUTDATED_M, float(spread[0]))
+    if not (has_rotated or has_moved) or _is_other_plane(seen, given, found):
+        return Check(name, True, angle_deg, "deg", note=f"of {source} against the floor that the images show")
+    how = [f"rotated by {angle_deg:.1f} degrees"] * has_rotated
+    how += [f"moved {'down' if lower_m > 0 else 'up'} by {abs(lower_m):.2f} m"] * has_moved
+    note = (
+        f"{source} no longer fits: the images show a floor {found.height_m:.2f} m below the camera at tilt "
+        f"{math.degrees(found.tilt_rad):.1f} degrees; the camera has {' and '.join(how)} since the file was written"
+    )
+    return Check(name, False, angle_deg, "deg", note=note)
+
+
+def _is_other_plane(seen: PairFrames | DepthFrames, given: SE3, found: Floor) -> bool:
+    """Whether a given floor is there beside the plane that was found, as below a table; or hidden below it, so that
+    people are as tall as they are above the given one only."""
+    geometry = seen.rectifier.geometry
+    points = back_project(geometry.depth(median_image(seen.disparities)), geometry)
+    off = []
+    for pose in (given, found.world_SE3_left):
+        with np.errstate(invalid="ignore"):
+            # Medians deviate by a third of a frame's noise: three of their deviations, and what calibrations warp.
+            noise_m = 0.02 + pose.translation[2] / points[..., 2] * geometry.depth_std_m(points[..., 2])
+            off.append(np.abs(heights_above_floor(points, pose)) / noise_m)
+    alone = [float(np.mean((a < 1.0) & (b > 2.0))) for a, b in (off, off[::-1])]
+    if alone[0] > MIN_INLIER_FRACTION and alone[1] < OUTDATED_RATIO * alone[0]:
+        return True
+    height_m = height_check(person_heights(seen, found)).value
+    low, high = LIKELY_M
+    return height_m < low and low <= height_m + float(given.translation[2]) - found.height_m <= high
 
 
 def camera_height(height_m: float, note: str) -> Check:

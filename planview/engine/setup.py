@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
@@ -15,12 +16,19 @@ from calib.rig import Floor
 from calib.types import F64
 from calib.world import RIGS_FILE
 from planview.checks.check import Check
-from planview.checks.scene import alignment_checks, explanation_checks, floor_checks, image_checks, run_checks
+from planview.checks.scene import (
+    alignment_checks,
+    explanation_checks,
+    floor_checks,
+    given_floor_check,
+    image_checks,
+    run_checks,
+)
 from planview.engine.config import Config
 from planview.maps.grid import FloorRig, Grid, floor_in_view
 from stereo.depth import RectifiedGeometry
 from stereo.doctor import UNEXPLAINED, explain
-from stereo.floor import DepthFrames, FloorSearch, spread_frames
+from stereo.floor import DepthFrames, FloorSearch, PairFrames, spread_frames
 from stereo.matcher import Matcher, disparity_range
 from stereo.measure import Measure, PairMeasure, SensorMeasure
 from stereo.recording import DepthCamera, Pair, Recording
@@ -53,22 +61,20 @@ def set_up(
     Args:
         matcher: of whole pairs; SGBM when None.
     Raises:
-        InputError: a floor of which the camera sees nothing or too much.
+        InputError: a given floor that the images show to be so no more, or of which the camera sees nothing or too
+            much.
         WorkError: no usable frame, left and right swapped, hardly any disparity or depth, or no floor visible.
     """
     pose_file = RIGS_FILE if recording.name else "world.toml"
-    head, seen = recording.head, spread_frames(recording, floor_search(config))
+    seen = spread_frames(recording, floor_search(config))
     if isinstance(seen, DepthFrames):
         return _set_up_depth(recording, seen, config, pose_file)
     light, search = image_checks(seen.frames), floor_search(config)
     try:
         refuse_foreign(seen.plain, seen.matches)
-        if head.world_SE3_left is not None:
-            floor, source = Floor(head.world_SE3_left), pose_file
-        else:
-            floor, source = seen.floor(), "found"
-            if floor.doubt and any(check.name == "compression" and check.failed for check in light):
-                raise WorkError(f"no floor found: {floor.doubt}, and compressed blocks match like such a plane")
+        floor, source = _floor_of(recording, seen, pose_file, config)
+        if floor.doubt and any(check.name == "compression" and check.failed for check in light):
+            raise WorkError(f"no floor found: {floor.doubt}, and compressed blocks match like such a plane")
     except WorkError as error:
         raise _explained(error, light, recording, search) from error
     checks = [*light, *alignment_checks(seen), *floor_checks(floor)]
@@ -95,14 +101,11 @@ def _explained(
 
 def _set_up_depth(recording: Recording[Pair | DepthCamera], seen: DepthFrames, config: Config, pose_file: str) -> Setup:
     head = cast(DepthCamera, recording.head)
-    if head.world_SE3_left is not None:
-        floor, source = Floor(head.world_SE3_left), pose_file
-    else:
-        try:
-            floor, source = seen.floor(), "found"
-        except WorkError as error:
-            # A delay of depth in another unit is none.
-            raise _explained(error, run_checks(recording)[:1], recording, floor_search(config)) from error
+    try:
+        floor, source = _floor_of(recording, seen, pose_file, config)
+    except WorkError as error:
+        # A delay of depth in another unit is none.
+        raise _explained(error, run_checks(recording)[:1], recording, floor_search(config)) from error
     geometry = seen.rectifier.geometry
     grid, step = _analysed(recording.path, geometry, floor, source, config)
     checks = [*floor_checks(floor), *run_checks(recording)]
@@ -112,6 +115,20 @@ def _set_up_depth(recording: Recording[Pair | DepthCamera], seen: DepthFrames, c
         sensor=head.sensor, viewpoints=seen.viewpoints,
         checks=tuple(checks), measure=SensorMeasure(seen.rectifier, step),
     )  # fmt: skip
+
+
+def _floor_of(
+    recording: Recording[Pair | DepthCamera], seen: PairFrames | DepthFrames, pose_file: str, config: Config
+) -> tuple[Floor, str]:
+    """The floor of a recording and where it came from: the given one, unless the images show that it is so no more."""
+    given = recording.head.world_SE3_left
+    if given is None:
+        return seen.floor(), "found"
+    _analysed(recording.path, seen.rectifier.geometry, Floor(given), pose_file, config)  # one out of view is refused
+    with suppress(WorkError):  # a floor that is hidden is given
+        if not (check := given_floor_check(seen, given, seen.floor(), pose_file)).ok:
+            raise InputError(f"{recording.path}: {check.note}")
+    return Floor(given), pose_file
 
 
 def _analysed(path: Path, geometry: RectifiedGeometry, floor: Floor, source: str, config: Config) -> tuple[Grid, int]:
