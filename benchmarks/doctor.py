@@ -13,13 +13,12 @@ import cv2
 import numpy as np
 from cyclopts import Parameter
 
-from benchmarks.options import progress, report
+from benchmarks.options import JsonFlag, progress, report
 from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import AnyArray
 from planview.checks.scene import delay_of
 from planview.checks.timing import MotionWatch, thumbnails
-from planview.commands.options import JsonFlag
 from stereo.depth import DEPTH_UNITS, metres
 from stereo.doctor import (
     BESIDE,

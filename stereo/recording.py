@@ -18,6 +18,7 @@ from calib.errors import InputError
 from calib.images import as_colour
 from calib.pose import SE3
 from calib.rig import DepthSensor, StereoRig
+from calib.times import RunningClock
 from calib.types import F32, F64, U8, AnyArray
 from stereo.depth import Depths
 
@@ -107,13 +108,6 @@ class Decoded:
     timestamp_s: float | None
     image: AnyArray | None
     why: str = ""
-
-
-def unusable_time(now_s: float, before_s: float) -> str:
-    """Why a frame cannot have the time ``now_s`` after one at ``before_s`` [s]; empty where it can."""
-    if not math.isfinite(now_s):
-        return f"its time is {now_s}"
-    return "" if now_s > before_s else f"its time, {now_s:.9g} s, is not after {before_s:.9g} s of the frame before"
 
 
 class FrameClock(NamedTuple):
@@ -319,19 +313,17 @@ class Recording(Generic[H]):
             return [frame for _, frame in self._frames(decoded) if not isinstance(frame, Skipped)]
 
     def _frames(self, decoded: Iterable[tuple[Decoded, ...]]) -> Iterator[tuple[int, Frame[Shot] | Skipped]]:
-        """Indices and frames in order; a time that is unusable does not count for the frames after it."""
-        head, before_s = cast(RecordedBy, self.head), -math.inf
+        """Indices and frames in order, with times that run on where the clock was set."""
+        head, running = cast(RecordedBy, self.head), RunningClock(self.fps)
         for parts in decoded:
             index, now_s = parts[0].index, self.clock.time(parts[0])
             images = [part.image for part in parts if part.image is not None]
             if len(images) < len(parts):
                 reasons = zip(head.sides, parts, strict=True)
                 yield index, Skipped(index, "; ".join(side + part.why for side, part in reasons if part.why))
-            elif not math.isnan(self.fps) and (why := unusable_time(now_s, before_s)):
-                yield index, Skipped(index, why)
-            else:
-                before_s = now_s
-                yield index, Frame(index, now_s, (head.shot(*images),))
+                continue
+            now_s, why = (now_s, "") if math.isnan(self.fps) else running.time(index, now_s)
+            yield index, Skipped(index, why) if why else Frame(index, now_s, (head.shot(*images),))
 
 
 def refuse_untimed(recording: Any) -> None:

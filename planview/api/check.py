@@ -17,6 +17,7 @@ from rich.text import Text
 from calib.errors import InputError, WorkError
 from calib.io import parse_length
 from calib.rig import save_rig
+from calib.times import Rate, rate_of_times
 from planview.api.arguments import Settings, in_range, opening, path_of, settings
 from planview.checks.check import Check
 from planview.checks.examine import Diagnosis, examine, write_pictures
@@ -26,7 +27,6 @@ from stereo.floor import PairFrames
 from stereo.readers import find_layout
 from stereo.readers.base import Layout, Reader
 from stereo.readers.images import Stream
-from stereo.readers.times import Rate, rate_of_times
 from stereo.recording import Pair
 
 

@@ -233,7 +233,7 @@ def count(
     clock = Clock(found, fps or (run.info.fps if run else None))
     plane = _plane(path_of(camera), path_of(rig), run or None)
     placed = rules if isinstance(rules, Rules) else rules_files.load_rules(Path(rules), plane)
-    _note((path and _unfinished(path)) or "", clock.jump(), placed.of_unknown_size, placed.unreached(found))
+    _note((path and _unfinished(path)) or "", placed.of_unknown_size, placed.unreached(found))
     n_frames = run.info.frames_read + run.info.frames_skipped if run else 0
     counts = count_tracks(found, placed, params, clock=clock, n_frames=n_frames)
     counts = replace(counts, span=run.span) if run else counts

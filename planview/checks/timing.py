@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from calib.images import as_grey
+from calib.times import rate_of_times
 from calib.types import F64, U8
 from planview.checks.check import Check, limited
 from stereo.recording import Recording
@@ -219,11 +220,12 @@ def frame_checks(recording: Recording[Any], spread: Sequence[Any], run: Sequence
     usable = (len(spread) + len(run)) / max(1, asked)
     times = recording.times_s
     known = np.array([f.timestamp_s for f in run]) if times is None else times[np.isfinite(times)]
-    gap = "longest step between frames over the usual one"
+    gap, rate = "longest step between frames over the usual one", rate_of_times(known)
+    longest = math.nan if rate is None else max(1.0, rate.longest_gap_s * rate.fps)
     return [
         limited("usable frames", usable, "", "share of the frames read that can be decoded", least=0.9),
         # One dropped frame passes, two in a row do not.
-        limited("timestamp gap", longest_step(known), "steps", gap, most=2.5, warns=True),
+        limited("timestamp gap", longest, "steps", gap, most=2.5, warns=True),
     ]
 
 
@@ -261,9 +263,3 @@ def repeated_check(images: Sequence[U8]) -> Check:
         watch.update(Thumbnails(small, small))
     note = "share of frames that repeat the one before"
     return limited("repeated frames", watch.repeated, "", note, most=MAX_REPEATED, warns=True)
-
-
-def longest_step(times_s: F64) -> float:
-    """Longest interval over the median one; NaN with fewer than three different times."""
-    steps = np.diff(np.unique(times_s))
-    return float(steps.max() / np.median(steps)) if len(steps) >= 2 else math.nan

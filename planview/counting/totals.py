@@ -23,17 +23,6 @@ from planview.trajectories.table import IGNORED, Trajectories, frame_period_s, f
 
 INTERVALS_MAX = 10_080
 """Intervals of the totals at most, a week of minutes: where the clock has jumped they are longer."""
-CLOCK_JUMP_S = 600.0
-"""A step of the clock from one frame to the next that is longer is a jump [s]: no recorder pauses so long unnoticed."""
-SLOW_S = 5.0
-"""Milliseconds read as seconds make a frame last so long at up to 200 frames per second."""
-
-
-def jump_note(before_frame: int, frame: int, step_s: float) -> str:
-    """A jump of the clock in words."""
-    days, hours = step_s / 86400.0, step_s / 3600.0
-    size = f"{days:.1f} days" if days >= 2 else f"{hours:.1f} hours" if hours >= 2 else f"{step_s / 60:.0f} minutes"
-    return f"the clock jumps by {size} from frame {before_frame} to {frame}: durations and rates include the jump"
 
 
 @dataclass(frozen=True)
@@ -67,15 +56,6 @@ class Clock:
             raise InputError("the tracks have neither timestamps nor a frame rate", remedy="fps")
         self._frames = frames if len(frames) else np.zeros(1, dtype=np.int64)
         self._times = times if len(frames) else np.zeros(1)
-
-    def jump(self) -> str:
-        """The longest jump between two frames with rows, or frames that last too long, in words; empty for neither."""
-        steps = np.diff(self._times)
-        if not len(steps) or steps.max() <= CLOCK_JUMP_S:
-            slow = len(steps) > 0 and (steps >= SLOW_S * np.diff(self._frames)).all()
-            return f"a frame lasts {self.frame_s:.3g} s: are the times milliseconds?" if slow else ""
-        n = int(np.argmax(steps))
-        return jump_note(int(self._frames[n]), int(self._frames[n + 1]), float(steps[n]))
 
     def at(self, frame: I64) -> F64:
         """(N,) times [s] of (N,) frames."""

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from calib.carried import Carried, plain, restored
 from calib.errors import InputError
+from calib.times import unusable_time
 from calib.types import F32
 from planview.checks.check import Check
 from planview.engine.config import Config
@@ -23,7 +24,7 @@ from planview.maps.view import View
 from planview.tracking.base import Decision, ImageTracker, Observation, Tracker, followed
 from planview.trajectories.state import TrackState
 from stereo.depth import Depth, point_cloud
-from stereo.recording import Frame, OpenOptions, Skipped, prefetch, unusable_time
+from stereo.recording import Frame, OpenOptions, Skipped, prefetch
 
 if TYPE_CHECKING:
     from open3d.geometry import PointCloud

@@ -22,11 +22,12 @@ import numpy as np
 
 from calib.carried import Carried
 from calib.errors import WorkError
+from calib.times import PAUSE_S, jump_note
 from planview.checks.check import Check
 from planview.checks.examine import RecordingWatch, refuse_unless_ok
 from planview.counting.events import Event
 from planview.counting.stream import Analytics
-from planview.counting.totals import CLOCK_JUMP_S, Counts, Span, jump_note
+from planview.counting.totals import Counts, Span
 from planview.engine.engine import Engine, FrameResult
 from planview.output import resume
 from planview.output.folder import (
@@ -163,7 +164,7 @@ class RunTotals(Carried):
     def take(self, result: FrameResult) -> None:
         if self.frames == 0:
             self.first_s = result.timestamp_s
-        elif result.timestamp_s - self.last_s > CLOCK_JUMP_S:
+        elif result.timestamp_s - self.last_s > PAUSE_S:
             self.jump = jump_note(self.last_frame, result.frame, result.timestamp_s - self.last_s)
         self.frames += 1
         self.last_frame, self.last_s = result.frame, result.timestamp_s

@@ -20,7 +20,16 @@ from calib.io import entries, expecting, read_text, reason, require_file, whole_
 from planview.trajectories import layouts
 from planview.trajectories.boxes import named_columns, read_motchallenge, write_motchallenge
 from planview.trajectories.file import TrajectoryFile, checked_rate, surrounding_area
-from planview.trajectories.table import Trajectories, doubt, frame_period_s, read_tracks, read_truth, write_table
+from planview.trajectories.table import (
+    Trajectories,
+    doubt,
+    frame_period_s,
+    frame_times,
+    read_tracks,
+    read_truth,
+    with_times_judged,
+    write_table,
+)
 
 BINARY = {
     layouts.SIGNATURE: layouts.read_ped_data_archive,
@@ -56,7 +65,9 @@ def load_file(path: Path, *, truth: bool = False) -> TrajectoryFile:
     file = _load(path, truth)
     if file.fps is not None and not np.isfinite(file.table.timestamp_s).any():
         file = replace(file, table=replace(file.table, timestamp_s=file.table.frame / file.fps))
-    for sentence in filter(None, (file.note, doubt(file.table))):
+    table, notes = with_times_judged(file.table)
+    file = replace(file, table=table)
+    for sentence in filter(None, (file.note, *notes, doubt(table))):
         warnings.warn(f"{path}: {sentence}", stacklevel=2)
     return file
 
@@ -169,6 +180,12 @@ def prepared(
         raise InputError("the trajectories have neither timestamps nor a frame rate", remedy="fps")
     if not np.isfinite(file.table.timestamp_s).any():
         table = replace(table, timestamp_s=table.frame / rate)
+    frames, times = frame_times(table)
+    if not FORMATS[name].keeps_state and len(frames) > 1:
+        off_s = np.ptp(times - frames / rate)
+        if off_s > 1.0 / rate:
+            text = f"{name} holds no times but a rate: at {rate:g} frames per second they are up to {off_s:.2g} s off"
+            warnings.warn(text, stacklevel=2)
     return TrajectoryFile(table, rate, area or file.walkable_wkt or surrounding_area(table))
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.io import expecting, reason, require_file
+from calib.times import doubts, period_of, run_on
 from calib.types import F64, I64, Bool
 from planview.trajectories.state import TrackState
 
@@ -319,11 +320,16 @@ def frame_times(table: Trajectories) -> tuple[I64, F64]:
 def frame_period_s(table: Trajectories, fallback_s: float) -> float:
     """Median time per frame [s] over rows with timestamps: the mean where most frames share one, ``fallback_s`` where
     fewer than two frames have one or time stands."""
+    return period_of(*frame_times(table), fallback_s)
+
+
+def with_times_judged(table: Trajectories) -> tuple[Trajectories, tuple[str, ...]]:
+    """The table with times that run on where they begin again, and what is odd about them, a sentence each."""
     frames, times = frame_times(table)
-    if len(frames) < 2 or times[-1] <= times[0]:
-        return fallback_s
-    period = float(np.median(np.diff(times) / np.diff(frames)))
-    return period if period > 0 else float((times[-1] - times[0]) / (frames[-1] - frames[0]))
+    judged, notes = run_on(times, frames)
+    if notes:
+        table = replace(table, timestamp_s=np.interp(table.frame, frames, judged))
+    return table, (*notes, *doubts(frames, judged))
 
 
 def frame_step(frames: I64) -> int:

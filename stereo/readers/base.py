@@ -17,13 +17,14 @@ from calib.formats import load_rig
 from calib.io import size_text
 from calib.pose import SE3
 from calib.rig import DepthSensor, RgbdRig, StereoRig
+from calib.times import rate_of_times, spread_bursts
 from calib.types import F64, I64
 from calib.world import load_world
 from stereo.depth import Depths
 from stereo.readers.images import Colour, Images, Size, Stream, bits_note, bits_of, images_of
 from stereo.readers.pairing import ONE_TIME, TimePairs, pair_stamps
 from stereo.readers.state import rectified_rig, settled
-from stereo.readers.times import load_timestamps, rate_of_times, unused_times
+from stereo.readers.times import load_timestamps, unused_times
 from stereo.recording import (
     Decoded,
     DecodedPair,
@@ -242,13 +243,16 @@ def clock_of_pairs(pairs: TimePairs, options: OpenOptions) -> FrameClock:
     """The pairs' own times; even ones where the caller gives a rate."""
     if options.fps is not None:
         return FrameClock(options.fps, np.arange(len(pairs.left)) / options.fps, pairs.notes)
-    return no_clock(*pairs.notes) if math.isnan(pairs.fps) else FrameClock(pairs.fps, pairs.times_s, pairs.notes)
+    return no_clock(*pairs.notes) if math.isnan(pairs.fps) else clock_of_times(pairs.times_s, pairs.notes)
 
 
 def clock_of_times(times_s: F64, notes: Sequence[str] = ()) -> FrameClock:
     """Of (n,) times [s], NaN where unknown."""
     rate = rate_of_times(times_s)
-    return FrameClock(rate.fps, times_s, tuple(notes)) if rate else no_clock(ONE_TIME, *notes)
+    if rate is None:
+        return no_clock(ONE_TIME, *notes)
+    spread_s, note = spread_bursts(times_s, rate)
+    return FrameClock(rate.fps, spread_s, (*notes, *note))
 
 
 def world_pose(folder: Path) -> SE3 | None:

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.errors import InputError
+from calib.times import clock_is_set
 from calib.types import F64, I64
 from stereo.readers.images import frame_number
 
@@ -118,8 +119,6 @@ PAIRED_WITHIN = 0.25
 """Times of a pair differ at most by this share of the frame period (a walker of 2 m/s moves 1.7 cm in a
 quarter of 1/30 s; a mate that is farther off may as well be that of the next frame)."""
 ONE_TIME = "no two frames have different times"
-JUMP_S = 3600.0
-"""A step this long, or ten frame periods back, is a clock that was set, not a pause."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,9 +223,8 @@ def _nearest(of: I64, among: I64) -> I64:
 
 def _eras(stamps: I64, period: float) -> I64:
     """How often the clock was set before each frame."""
-    steps = np.diff(stamps)
-    set_ = (steps > max(JUMP_S * 1e9, 100 * period)) | (steps < -10.0 * max(period, 1e8))
-    return np.concatenate([[0], np.cumsum(set_)]).astype(np.int64)[: len(stamps)]
+    was_set = clock_is_set(np.diff(stamps) / 1e9, period / 1e9)
+    return np.concatenate([[0], np.cumsum(was_set)]).astype(np.int64)[: len(stamps)]
 
 
 def _frames(count: int) -> str:

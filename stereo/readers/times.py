@@ -1,4 +1,4 @@
-"""Times of frames as recorders write them: numbers, dates, names of files, tables and lists; and the rate they give."""
+"""Times of frames as recorders write them: numbers, dates, names of files, tables and lists."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import math
 import re
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from decimal import Decimal
 from io import StringIO
@@ -19,8 +18,9 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.io import entries, read_text
+from calib.times import SLOW_S
 from calib.types import F64, I64
-from stereo.readers.pairing import JUMP_S, pair_stamps
+from stereo.readers.pairing import pair_stamps
 
 LATEST_S = 4.2e9
 """No clock counts more seconds; larger times are of another unit, whatever their column is called."""
@@ -145,8 +145,6 @@ MAX_BYTES = 1 << 25
 _FRAME = ("frame", "frame_id", "frame_number", "frame_no", "frame_index", "index", "idx", "id", "seq", "n")
 _TIME = re.compile(r"#?\s*(timestamp|time|stamp|t)s?(?:[ _]?[\[(]?(ns|us|ms|s|sec|nsec|usec|msec)[\])]?)?")
 _UNITS = {"nsec": "ns", "usec": "us", "msec": "ms", "sec": "s", "ns": "ns", "us": "us", "ms": "ms", "s": "s"}
-SLOW_S = 2.0
-"""Steps from which nobody can be followed from frame to frame [s]: at a walking pace they are three metres."""
 
 
 class TimeTable(NamedTuple):
@@ -178,10 +176,8 @@ def load_timestamps(path: Path) -> TimeTable:
     times[frames] = paired.times_s if paired.notes else seconds
     unit = "dates" if stamps.unit == "date" else stamps.unit
     note = () if unit == "s" else (f"times of {path.name} are taken as {unit}",)
-    step_s = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
-    if step_s > SLOW_S:
-        slow = f"{path.name}: a frame every {step_s:g} s, at which nobody can be followed; another unit?"
-        note = (f"{slow} (the column's name gives it: timestamp_s, timestamp_ms, timestamp_us or timestamp_ns)",)
+    if len(seconds) > 1 and float(np.median(np.diff(seconds))) > SLOW_S:
+        note = (f"another unit in {path.name}? The column's name gives it: timestamp_s, _ms, _us or _ns",)
     return TimeTable(times, (*note, *paired.notes))
 
 
@@ -272,42 +268,3 @@ def _rows(path: Path) -> tuple[list[tuple[int, str]], str | None]:
     if not rows:
         raise InputError(f"{path}: expected rows of frame,timestamp_s, found none")
     return sorted(rows, key=lambda row: row[0]), _UNITS.get(_TIME.sub(r"\2", names[time]))
-
-
-@dataclass(frozen=True)
-class Rate:
-    """How evenly frames come.
-
-    Attributes:
-        fps: frames per second, of the mean of the steps that are no gaps.
-        jitter_ms: standard deviation of the steps that are no gaps [ms].
-        duration_s: from the first frame to the last, without jumps of the clock [s].
-        gaps: steps longer than 1.5 frame periods.
-        dropped: frames that would have fallen into them.
-        longest_gap_s: the longest of them [s]; 0 without any.
-    """
-
-    fps: float
-    jitter_ms: float
-    duration_s: float
-    gaps: int
-    dropped: int
-    longest_gap_s: float
-
-
-def rate_of_times(times_s: F64) -> Rate | None:
-    """Rate and gaps of (n,) times [s] in any order; None of fewer than two different ones."""
-    steps = np.diff(np.sort(times_s[np.isfinite(times_s)]))
-    steps = steps[(steps > 0) & (steps < JUMP_S)]
-    if not steps.size:
-        return None
-    period = float(np.median(steps))
-    wide = steps > 1.5 * period
-    return Rate(
-        fps=1.0 / float(np.mean(steps[~wide])),
-        jitter_ms=float(np.std(steps[~wide])) * 1e3,
-        duration_s=float(steps.sum()),
-        gaps=int(wide.sum()),
-        dropped=int(np.sum(np.round(steps[wide] / period) - 1)),
-        longest_gap_s=float(steps[wide].max(initial=0.0)),
-    )

@@ -17,11 +17,12 @@ from calib.errors import InputError
 from calib.formats import load_rig
 from calib.images import as_grey
 from calib.io import entries, require_file
+from calib.times import rate_of_times, run_on
 from calib.types import F64, I64, U8
 from stereo.readers import base
 from stereo.readers.images import Stream, is_grey
 from stereo.readers.pairing import TimePairs, one_of_each, pair_stamps
-from stereo.readers.times import camera_times, rate_of_times, read_times
+from stereo.readers.times import camera_times, read_times
 from stereo.recording import Decoded, OpenOptions
 
 SUFFIXES = frozenset({
@@ -49,13 +50,13 @@ class VideoFile:
         if self.n_frames > path.stat().st_size / 200:
             self.n_frames = 1 + sum(1 for _ in takewhile(lambda _: capture.grab(), range(1, self.n_frames)))
         if self.raw and not self.n_frames:
-            self.n_frames = len(_packets(path))
+            self.n_frames = len(_packets(path)[0])
         if not found or first is None:
             raise InputError(f"{path}: expected a video, found no frame that can be decoded: {_coded(capture)}")
         self.size = first.shape[1], first.shape[0]
         self.fps = float(fps) if np.isfinite(fps) and 0 < fps <= 1000 else math.nan
         # A header may announce the clock of its times, 1000 per second, in the place of a rate.
-        own = None if self.raw else rate_of_times(_packets(path, 300))
+        own = None if self.raw else rate_of_times(_packets(path, 300)[0])
         if own and not abs(own.fps / self.fps - 1.0) <= 0.02:
             self.fps = own.fps
         self._lost = _before_key_frame(path)
@@ -202,16 +203,17 @@ def video_tracks(path: Path) -> int:
     return max(1, head.partition(b"\x1f\x43\xb6\x75")[0].count(b"\x83\x81\x01"))
 
 
-def _packets(path: Path, most: int | None = None) -> F64:
-    """(n,) float64 [s], when the frames of a video, or the first of them, are shown, by its container; nothing is
-    decoded."""
+def _packets(path: Path, most: int | None = None) -> tuple[F64, tuple[str, ...]]:
+    """(n,) float64 [s], when the frames of a video, or the first of them, are shown, by its container, and where these
+    times begin again, as in segments that were joined; nothing is decoded."""
     capture = _open(path)
     times: list[float] = []
     capture.set(cv2.CAP_PROP_FORMAT, -1)
     while len(times) != most and capture.grab():
         times.append(float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0)
-    own = np.sort(np.array(times, dtype=np.float64))  # packets come in the order of decoding
-    return np.asarray(own - own[:1], dtype=np.float64)
+    own, notes = run_on(np.array(times, dtype=np.float64))
+    own = np.sort(own)  # packets come in the order of decoding
+    return np.asarray(own - own[:1], dtype=np.float64), notes
 
 
 def _before_key_frame(path: Path) -> int:
@@ -272,8 +274,12 @@ def video_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenO
     size = base.same_size(a, b, left, right)
     calibration = options.calibration or folder
     rig, other = partial(load_rig, calibration, size), base.other_state(calibration, size)
+    joined: tuple[str, ...] = ()
     if not (folder / "timestamps.csv").is_file():
-        own_s, pairs = [_packets(video) for video in (left, right)], None
+        (left_s, joined), (right_s, _), pairs = _packets(left), _packets(right), None
+        own_s = [left_s, right_s]
+        for video, own in zip((a, b), own_s, strict=True):  # joined segments: the container announces the first
+            video.n_frames = max(video.n_frames, len(own))
         listed = [camera_times(at, folder, len(own)) for at, own in zip((left, right), own_s, strict=True)]
         if listed[0] and listed[1]:
             ns = [read_times(file, len(own)).ns for file, own in zip(listed, own_s, strict=True) if file]
@@ -292,7 +298,7 @@ def video_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenO
     )
     clock = base.clock_of(folder, options, min(a.n_frames, b.n_frames), a.fps, a.raw)
     each = base.FramePairs(base.together(a, b), max(a.n_frames, b.n_frames))
-    return base.stereo_layout(path, each, streams, clock, rig, (), folder, other)
+    return base.stereo_layout(path, each, streams, clock, rig, joined, folder, other)
 
 
 def pair_in(folder: Path) -> tuple[Path, Path] | None:

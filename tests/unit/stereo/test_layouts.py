@@ -13,10 +13,11 @@ from toy_stereo import toy_rig
 
 from calib.errors import InputError, UnreadableError
 from calib.rig import save_rig
+from calib.times import rate_of_times
 from stereo.readers import OpenOptions, find_layout, find_reader, open_recording
 from stereo.readers.images import decode_image, to_8_bits, true_bits
 from stereo.readers.pairing import pair_stamps, split_sides
-from stereo.readers.times import rate_of_times, read_stamps, stamps_in_names
+from stereo.readers.times import read_stamps, stamps_in_names
 
 COUNT = 6
 START = 1_403_715_273_262_142_976

@@ -9,10 +9,11 @@ import pytest
 from toy_recordings import folder_recording, picture, video_pair, write_times, write_video
 
 from calib.errors import InputError
+from calib.times import rate_of_times
 from stereo.readers import OpenOptions, open_recording, open_video
-from stereo.readers.times import load_timestamps, rate_of_times
+from stereo.readers.times import load_timestamps
 from stereo.readers.video import _by_time
-from stereo.recording import refuse_untimed
+from stereo.recording import Decoded, FrameClock, OneCamera, Recording, refuse_untimed
 
 KEPT = [i for i in range(12) if i != 5]
 """Frames of a right camera that lost the sixth."""
@@ -76,7 +77,7 @@ def test_rate_is_the_mean_of_steps_that_a_clock_of_milliseconds_rounds():
 def test_header_that_gives_the_clock_for_a_rate_is_corrected_by_the_times(tmp_path: Path, monkeypatch):
     write_video(tmp_path / "a.avi", 6)  # 10 per second
     times = np.arange(6) / 5
-    monkeypatch.setattr("stereo.readers.video._packets", lambda path, most=None: times)
+    monkeypatch.setattr("stereo.readers.video._packets", lambda path, most=None: (times, ()))
     assert open_video(tmp_path / "a.avi").fps == pytest.approx(5)
 
 
@@ -161,14 +162,14 @@ def test_table_of_times_that_is_too_short_or_counts_from_1_is_noted(
     write_times(folder / "timestamps.csv", times_s, frames)
     recording = open_recording(folder)
     assert [frame.timestamp_s for frame in recording] == pytest.approx(found_s)
-    (found,) = recording.notes
+    found, *_ = recording.notes
     assert "timestamps.csv" in found and found.endswith(note)
 
 
 @pytest.mark.parametrize(
     ("column", "times", "period_s", "noted"),
     [
-        ("timestamp_s", (0, 10, 20), 10.0, "a frame every 10 s, at which nobody can be followed"),
+        ("timestamp_s", (0, 10, 20), 10.0, "another unit in timestamps.csv?"),
         ("timestamp_ms", (0, 100, 200), 0.1, "taken as ms"),
         ("time", (0, 100, 200), 0.1, "taken as ms"),
         ("timestamp_s", (1_700_000_000_000, 1_700_000_000_100, 1_700_000_000_200), 0.1, "taken as ms"),
@@ -180,3 +181,12 @@ def test_the_unit_of_times_is_that_of_their_column(tmp_path, column, times, peri
     (tmp_path / "timestamps.csv").write_text(f"frame,{column}\n{table}")
     found, notes = load_timestamps(tmp_path / "timestamps.csv")
     assert found[1] == pytest.approx(period_s) and noted in notes[0]
+
+
+def test_frames_after_a_time_far_ahead_are_read_and_run_on() -> None:
+    image, own_s = np.zeros((4, 4), np.uint8), [0.0, 0.1, 90_000.0, 0.3, 0.4]
+    parts = [(Decoded(index, time, image),) for index, time in enumerate(own_s)]
+    decode = lambda indices: (part for part in parts)  # noqa: E731
+    recording = Recording(Path("a.mp4"), decode, 5, FrameClock(10.0), [], OneCamera((4, 4)))
+    assert [frame.timestamp_s for frame in recording] == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
+    assert not recording.skipped

@@ -28,7 +28,6 @@ from planview.checks.timing import (
     SpeedWatch,
     Thumbnails,
     lag_of,
-    longest_step,
     repeated_check,
     thumbnails,
 )
@@ -323,11 +322,6 @@ def test_speed_between_frames_of_one_time_does_not_count():
     assert np.isnan(watch.check().value)
 
 
-def test_longest_step_leaves_out_times_that_stand_still():
-    assert longest_step(np.array([0.0, 0.0, 0.0, 0.1, 0.3])) == pytest.approx(0.2 / 0.15)
-    assert np.isnan(longest_step(np.array([0.0, 0.0, 0.0, 1.0])))
-
-
 def test_fault_gaps_in_the_timestamps(tmp_path, pairs):
     folder = write_toy_recording(tmp_path / "r", RIG, pairs[:10])
     times = np.arange(10) / 15.0 + (np.arange(10) >= 6) * 1.5
@@ -343,9 +337,7 @@ def test_fault_undecodable_frames(tmp_path, pairs):
     assert "usable frames" in failed(folder)
 
 
-def test_longest_step_is_relative_to_the_usual_one_and_unmeasured_values_fail_only_when_needed():
-    assert longest_step(np.array([0.0, 0.1, 0.2, 0.5, 0.6])) == pytest.approx(3.0)
-    assert np.isnan(longest_step(np.array([0.0, 0.1])))
+def test_unmeasured_values_fail_only_when_needed():
     nothing = float("nan")
     assert limited("a", nothing, "", "", most=1.0).ok
     assert limited("a", nothing, "", "", least=1.0).ok and not limited("a", nothing, "", "", least=1.0, needed=True).ok

@@ -2,7 +2,7 @@
 
 import json
 import sqlite3
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
 
@@ -36,6 +36,7 @@ from planview.trajectories.table import (
     table_of,
     write_header,
     write_rows,
+    write_table,
 )
 
 
@@ -191,6 +192,26 @@ def test_rate_is_that_of_the_median_frame_where_the_clock_jumps():
     table = two_walkers(10, 20.0)
     table.timestamp_s[8:] += 3600.0
     assert measured_rate(table) == 20.0
+
+
+def timed_tracks(times_s: Sequence[float]) -> Trajectories:
+    """One person who stands, seen in every frame."""
+    frames = np.arange(len(times_s))
+    return positions_table(frames, np.ones(len(frames)), np.zeros((len(frames), 2)), timestamp_s=np.array(times_s))
+
+
+def test_times_of_a_table_that_begin_again_run_on(tmp_path: Path) -> None:
+    with (tmp_path / "tracks.csv").open("w") as file:
+        write_table(file, timed_tracks([0.0, 0.1, 0.2, 0.0, 0.1]))
+    with pytest.warns(UserWarning, match="times begin again at frame 3"):
+        found = load_tracks(tmp_path / "tracks.csv")
+    assert found.timestamp_s == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
+
+
+def test_format_without_times_says_how_far_off_they_are() -> None:
+    uneven = TrajectoryFile(timed_tracks([0.0, 0.1, 0.2, 0.3, 1.0, 1.1]))
+    with pytest.warns(UserWarning, match=r"jupedsim holds no times but a rate: .* up to 0.6 s off"):
+        prepared(uneven, "jupedsim")
 
 
 def test_petrack_text_in_centimetres_is_read_in_metres(tmp_path):
