@@ -47,7 +47,8 @@ from planview.checks.timing import (
     SpeedWatch,
     frame_checks,
     repeated_check,
-    thumbnails,
+    still_checks,
+    thumbnails_of,
 )
 from planview.drawing.style import Entry, Rgb, as_bgr, disparity_colours, with_colour_bar, with_legend
 from planview.foreground.steadiness import Steadiness
@@ -183,16 +184,14 @@ def examine(
     given = recording.head.world_SE3_left
     run, times = _run_of(recording, seen.frames, frames, search)
     if isinstance(seen, PairFrames):
-        watch = MotionWatch()
-        for pair in (seen.rectifier(*frame.images) for frame in run):
-            watch.update(thumbnails(pair.left_grey, pair.right_grey))
-        seen_in_images, geometry = [*watch.checks(), *image_checks(seen.frames)], alignment_checks(seen)
+        seen_in_images, geometry = image_checks(seen.frames), alignment_checks(seen)
     else:
         seen_in_images, geometry = _image_checks(seen.frames, run), registration_checks(seen.frames, run)
     checks = [
         Check("calibration and layout", True, 1.0, note=recording.head.source),
         *times,
         elsewhere_check(seen.elsewhere),
+        *still_checks(seen, run),
         *seen_in_images,
         flicker_check([grey_level(frame.image) for frame in run]),
         *geometry,
@@ -292,8 +291,9 @@ class RecordingWatch:
         """Take the next frame, with (h, w) uint8 at its size, non-zero where people are, None where there is none, and
         where they stand [m], by id."""
         self._speed.update(timestamp_s, places)
+        if depth is not None:
+            self._motion.update(thumbnails_of(depth), timestamp_s)
         if depth is not None and depth.greys is not None:
-            self._motion.update(thumbnails(*depth.greys))
             self._levels.append(grey_level(depth.greys[0]))
         if depth is not None and self._frames % EVERY_NTH_FRAME == 0:
             self._valid.append(float(np.isfinite(depth.disparity).mean()))

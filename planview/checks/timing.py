@@ -12,9 +12,11 @@ import numpy as np
 
 from calib.images import as_grey
 from calib.times import rate_of_times
-from calib.types import F64, U8
+from calib.types import F32, F64, U8
 from planview.checks.check import Check, limited
-from stereo.recording import Recording
+from stereo.depth import Depth
+from stereo.floor import DepthFrames, PairFrames
+from stereo.recording import Frame, Recording, Shot
 
 COMPARED_STEP_PX = 2
 """Every n-th row and column is compared: a person at 8 m still has 100 pixels."""
@@ -48,10 +50,11 @@ MAX_LAG = 0.5
 
 
 class Thumbnails(NamedTuple):
-    """Every second pixel of a rectified pair where both cameras see the scene: (h, w) uint8 each."""
+    """Every second pixel of a rectified pair where both cameras see the scene: (h, w) uint8 each; or of an image and of
+    the disparity that its depth has, (h, w) float32, 0 where unknown."""
 
     left: U8
-    right: U8
+    right: U8 | F32
 
 
 def thumbnails(left: U8, right: U8) -> Thumbnails:
@@ -62,6 +65,14 @@ def thumbnails(left: U8, right: U8) -> Thumbnails:
         right[::COMPARED_STEP_PX, : right.shape[1] - own : COMPARED_STEP_PX],
     )
     return Thumbnails(*(np.ascontiguousarray(image) for image in inside))
+
+
+def thumbnails_of(depth: Depth) -> Thumbnails:
+    """Of what a head measured: the pair, or its image and depth."""
+    if depth.greys is not None:
+        return thumbnails(*depth.greys)
+    steps = slice(None, None, COMPARED_STEP_PX)
+    return Thumbnails(as_grey(depth.image)[steps, steps].copy(), np.nan_to_num(depth.disparity[steps, steps]))
 
 
 class Lag(NamedTuple):
@@ -87,23 +98,28 @@ class Lag(NamedTuple):
 
 
 class MotionWatch:
-    """Follows the movement in both images of a pair."""
+    """Follows the movement in both images of a pair, or in an image and its depth."""
 
     def __init__(self) -> None:
+        self._sides = "left camera", "right camera"
+        self._standing = ""
         self._last: Thumbnails | None = None
         self._bands: deque[F64] = deque(maxlen=FRAMES_MAX)
         self._active = self._frozen = self._stall = self._longest = self._repeated = 0
         self._still_for = self._calm_for = 0
+        self._stall_s = math.nan
         self._behind = self._bands_since = 0
 
-    def update(self, pair: Thumbnails) -> None:
-        """Take the next pair."""
+    def update(self, pair: Thumbnails, timestamp_s: float = 0.0) -> None:
+        """Take the next pair. What moves shows in images only: the edges of depth flicker."""
         before, self._last = self._last, pair
+        is_pair = pair.right.dtype == np.uint8
+        self._sides = ("left camera", "right camera") if is_pair else ("image", "depth")
         if before is None:
             return
         both = list(zip(before, pair, strict=True))
         moved = [np.asarray(cv2.absdiff(a, b) > MOVED_LEVEL, dtype=np.bool_) for a, b in both]
-        active = max(float(m.mean()) for m in moved) >= ACTIVE_SHARE
+        active = max(float(m.mean()) for m in moved[: 1 + is_pair]) >= ACTIVE_SHARE
         same = [bool((a == b).all()) for a, b in both]
         # A camera that stands still repeats its image to the last bit; one in which nobody moves has noise.
         frozen = active and any(same)
@@ -112,13 +128,17 @@ class MotionWatch:
         self._stall = self._stall + 1 if frozen else 0 if active else self._stall
         if frozen:  # a picture written twice leaves its camera one frame behind, from here on
             self._behind, self._bands_since = self._behind + same[1] - same[0], 0
-        self._longest = max(self._longest, self._stall)
+        self._stall_s = timestamp_s if self._stall <= 1 else self._stall_s
+        if self._stall > self._longest:
+            self._longest = self._stall
+            which = self._sides[0 if same[0] else 1]
+            self._standing = f": the {which} stands still from {self._stall_s:.1f} to {timestamp_s:.1f} s"
         # Copies of a pair between moving ones; a scene in which nothing moves may repeat for hours.
         if not all(same):
             self._repeated += self._still_for if active and self._still_for in (1, 2) else 0
         self._still_for = self._still_for + 1 if all(same) else 0 if active else 3
         self._calm_for = 0 if active else self._calm_for + 1
-        if self._calm_for <= LONGEST_LAG:
+        if is_pair and self._calm_for <= LONGEST_LAG:
             # The root of the share of pixels that changed, so that near walkers do not drown far ones.
             rows = moved[0].shape[0] // BANDS * BANDS
             self._bands.append(np.stack([np.sqrt(m[:rows].reshape(BANDS, -1).mean(axis=1)) for m in moved]))
@@ -128,14 +148,15 @@ class MotionWatch:
         """Cameras that do not move together in time, by all pairs so far; NaN where too little moves."""
         active, (lag, apart) = self._active or math.nan, self._lag()
         longest = float(self._longest) if self._active else math.nan
-        alone = "share of frames that stand still in one camera only"
-        copies = "share of pairs that repeat the one before"
+        first, second = self._sides
+        alone = f"share of frames in which the {first} or the {second} alone stands still"
+        longest_one, copies = f"longest{self._standing}", "share of pairs that repeat the one before"
         return [
-            limited("frozen camera", self._frozen / active, "", alone, most=0.1),
+            limited("frozen camera", self._frozen / active, "", alone + self._standing, most=0.1),
             # Half a second at 15 Hz [frames]; what both cameras show moves in both.
-            limited("stalled camera", longest, "frames", "longest time only one camera moves", most=8, warns=True),
+            limited("stalled camera", longest, "frames", longest_one, most=8, warns=True),
             limited("repeated pairs", self.repeated, "", copies, most=MAX_REPEATED),
-            lag.check("synchronisation", "right camera", apart=apart),
+            *([lag.check("synchronisation", second, apart=apart)] if second == "right camera" else []),
         ]
 
     @property
@@ -146,7 +167,7 @@ class MotionWatch:
     def _lag(self) -> tuple[Lag, bool]:
         """The lag over all the time, or over its first half or its end where that leaves less doubt; and whether the
         cameras are apart by it, or as far apart as pictures that were written twice leave them."""
-        if not self._active:
+        if not self._active or not self._bands:
             return Lag(), False
         signals = np.stack(self._bands)
         count, half = len(signals), len(signals) // 2
@@ -227,6 +248,20 @@ def frame_checks(recording: Recording[Any], spread: Sequence[Any], run: Sequence
         # One dropped frame passes, two in a row do not.
         limited("timestamp gap", longest, "steps", gap, most=2.5, warns=True),
     ]
+
+
+def still_checks(seen: PairFrames | DepthFrames, frames: Sequence[Frame[Shot]]) -> list[Check]:
+    """Of recorded frames in order: images and depth that stand still or repeat, and cameras that are out of step."""
+    watch = MotionWatch()
+    for frame in frames:
+        if isinstance(seen, PairFrames):
+            pair = seen.rectifier(*frame.images)
+            watch.update(thumbnails(pair.left_grey, pair.right_grey), frame.timestamp_s)
+        else:
+            image, depth_m = seen.rectifier(*frame.images)
+            depth = Depth.of_whole(image, seen.rectifier.disparity(depth_m), 1)
+            watch.update(thumbnails_of(depth), frame.timestamp_s)
+    return watch.checks()
 
 
 class SpeedWatch:

@@ -24,6 +24,7 @@ from planview.checks.scene import (
     image_checks,
     run_checks,
 )
+from planview.checks.timing import still_checks
 from planview.engine.config import Config
 from planview.maps.grid import FloorRig, Grid, floor_in_view
 from stereo.depth import RectifiedGeometry
@@ -76,7 +77,7 @@ def set_up(
         if floor.doubt and any(check.name == "compression" and check.failed for check in light):
             raise WorkError(f"no floor found: {floor.doubt}, and compressed blocks match like such a plane")
     except WorkError as error:
-        raise _explained(error, light, recording, search) from error
+        raise _explained(error, [*light, *still_checks(seen, seen.frames)[:1]], recording, search) from error
     checks = [*light, *alignment_checks(seen), *floor_checks(floor)]
     checks += explanation_checks(recording, checks, floor, search)
     geometry = seen.rectifier.geometry
@@ -105,7 +106,8 @@ def _set_up_depth(recording: Recording[Pair | DepthCamera], seen: DepthFrames, c
         floor, source = _floor_of(recording, seen, pose_file, config)
     except WorkError as error:
         # A delay of depth in another unit is none.
-        raise _explained(error, run_checks(recording)[:1], recording, floor_search(config)) from error
+        seen_in_images = run_checks(recording)[0], still_checks(seen, seen.frames)[0]
+        raise _explained(error, seen_in_images, recording, floor_search(config)) from error
     geometry = seen.rectifier.geometry
     grid, step = _analysed(recording.path, geometry, floor, source, config)
     checks = [*floor_checks(floor), *run_checks(recording)]

@@ -47,14 +47,23 @@ def picture(t: float, shift: int) -> U8:
 
 def watched(left: list[U8], right: list[U8]) -> dict[str, Check]:
     watch = MotionWatch()
-    for pair in zip(left, right, strict=True):
-        watch.update(Thumbnails(*pair))
+    for index, pair in enumerate(zip(left, right, strict=True)):
+        watch.update(Thumbnails(*pair), index / 10)
     return {check.name: check for check in watch.checks()}
 
 
 @pytest.fixture(scope="module")
 def sides() -> tuple[list[U8], list[U8]]:
     return [picture(i, 0) for i in range(FRAMES)], [picture(i, 6) for i in range(FRAMES)]
+
+
+def test_depth_that_stands_still_or_comes_twice_is_named_with_how_long(sides: tuple[list[U8], list[U8]]) -> None:
+    images, depths = sides[0], [image.astype(np.float32) for image in sides[1]]
+    assert "frozen camera" not in failing(watched(images, depths))
+    stands = watched(images, depths[:40] + [depths[40]] * (FRAMES - 40))
+    assert {"frozen camera", "stalled camera"} <= failing(stands)
+    assert "the depth stands still from 4.2 to 5.9 s" in stands["frozen camera"].note  # nothing moves in frame 41
+    assert "frozen camera" in failing(watched(images, [depths[n // 2 * 2] for n in range(FRAMES)]))
 
 
 def failing(found: dict[str, Check]) -> set[str]:
