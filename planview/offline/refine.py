@@ -19,6 +19,7 @@ import numpy as np
 from calib.errors import InputError
 from calib.types import F64, Bool
 from planview.tracking import body
+from planview.tracking.explain.person import KNOWN_LOG_ODDS
 from planview.tracking.joint.ranges import JointParams
 from planview.tracking.kalman import FloorKalman
 from planview.trajectories.table import Trajectories, concatenated, rows_by_id
@@ -27,8 +28,7 @@ POSITION_STD_M = 0.05
 """Deviation of a position in the tracks [m]: about a cell of the plan-view map."""
 MEDIAN_HEIGHT_STD_M = 0.06
 """Deviation of the median height of a track [m]: posture and depth noise."""
-JOINT = JointParams()
-"""The tracker whose floor and share of low people are taken."""
+JOINT = JointParams()  # its floor and share of low people are taken
 
 
 class Change(NamedTuple):
@@ -84,7 +84,6 @@ def refine(tracks: Trajectories) -> Refined:
 
     No row is added and no state changes: only ids of joined tracks and positions up to the last confirmed row of a
     person. Predictions of a track end where the one that continues it begins. Tracks never confirmed stay as they are.
-
     Where no row has a time, there are 30 frames per second. Raises InputError: confirmed rows without floor positions.
     """
     confirmed = tracks.where(tracks.state == "confirmed")
@@ -112,13 +111,14 @@ def refine(tracks: Trajectories) -> Refined:
 
 
 def _joined(tracks: Sequence[Trajectories]) -> tuple[list[Trajectories], list[Change]]:
-    """One table per person, under the first id, from tracks of one id each by rising first frame: the joins whose
-    log-odds sum to most, each above zero, which an end without a partner is worth."""
+    """One table per person, under the first id, from tracks of one id each by rising first frame: of the joins whose
+    log-odds sum to most, those by which the tracker recognises people (it saw clothes as well and took the later track
+    for a stranger)."""
     from scipy.optimize import linear_sum_assignment  # half a second
 
     odds = np.array([[_log_odds(a, b) for b in tracks] for a in tracks]).reshape(len(tracks), len(tracks))
     ends, starts = linear_sum_assignment(np.maximum(odds, 0.0), maximize=True)
-    former = {int(j): int(i) for i, j in zip(ends, starts, strict=True) if odds[i, j] > 0}
+    former = {int(j): int(i) for i, j in zip(ends, starts, strict=True) if odds[i, j] > KNOWN_LOG_ODDS}
     chains: dict[int, list[Trajectories]] = {}
     changes: list[Change] = []
     first = list(range(len(tracks)))
