@@ -6,13 +6,14 @@ import math
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 import cv2
 import numpy as np
 
-from benchmarks.options import JsonFlag, Row, progress, report
+from benchmarks.options import JsonFlag, Row, progress, report, scene_files
 from benchmarks.random_scenes.generator import random_scene
 from calib.board.detect import Board, BoardView
 from calib.board.solve import solve_board
@@ -29,15 +30,16 @@ from calib.types import F32, F64
 from calib.world import RIGS_FILE, RigEntry, load_rigs
 from planview.calibration.align import align_records, record_rig, rig_entries
 from planview.engine.config import Config
-from planview.synthetic.assets import SCENES
+from planview.synthetic.assets import SCENES, real_recordings
 from planview.synthetic.render import SceneRenderer
-from planview.synthetic.scene import load_scene
+from planview.synthetic.scene import Scene, load_scene
 from planview.synthetic.write import write_rigs
-from stereo.floor import BLIND_SENSOR, PairFrames, floor_in
+from stereo.floor import BLIND_SENSOR, PairFrames, floor_in, spread_frames
+from stereo.readers import OpenOptions, open_any
 from stereo.recording import Frame, Shot
 from stereo.rgbd import NOISE, RgbdRectifier
 
-Family = Literal["board", "floor", "human", "rigs"]
+Family = Literal["board", "floor", "human", "rigs", "deviations"]
 BOARD_SIZE = 1280, 800
 LENSES: dict[str, tuple[float, LensModel, tuple[float, ...]]] = {
     "plain": (900.0, "brown", ()),
@@ -162,17 +164,84 @@ def floor_rows() -> list[Row]:
     ]
 
 
+AGED_SEED, AGED_FRAMES = 352, 6
+"""Of the scenes, none of which was tuned on."""
+AGED_SCALE, AGED_TURN_DEG = 0.003, 0.1
+"""Deviations of a baseline and a focal length [1], and of each angle of the right camera [deg], since calibration."""
+REAL_FLOORS = {
+    "overhead-stereo": (2.706, 10.9, 2.8),
+    "rgbd-six-people": (2.357, 62.4, math.nan),
+    "rgbd-one-walker": (2.365, 62.3, math.nan),
+}
+"""Height [m], tilt about the camera's x axis and roll [deg] by their READMEs; two rolls depend on an unsure turn of the
+depth camera."""
+
+
+def aged(rig: StereoRig, rng: np.random.Generator) -> StereoRig:
+    """A calibration of the rig as it was some years ago."""
+    longer, wider = 1.0 + AGED_SCALE * rng.normal(size=2)
+    left, right = (replace(camera, fx=camera.fx * wider, fy=camera.fy * wider) for camera in (rig.left, rig.right))
+    turn = SE3.from_rotvec(np.radians(AGED_TURN_DEG) * rng.normal(size=3)).rotation
+    pose = rig.right_SE3_left
+    return StereoRig(left, right, SE3(turn @ pose.rotation, longer * (turn @ pose.translation)), "aged")
+
+
+def over_deviations(found: Floor, truth: Sequence[float], to_true: F64) -> F64:
+    """(3,) errors of height, tilt and roll over their deviations; ``truth`` in m and degrees, ``to_true`` (3, 3) turns
+    the camera's axes to those of the truth."""
+    assert found.covariance is not None
+    x, y, z = (to_true @ found.world_SE3_left.rotation[2]).tolist()
+    values = np.array([found.height_m, math.atan2(-y, -z), math.asin(x)])
+    errors = values - [truth[0], *np.radians(truth[1:])]
+    return np.asarray(errors / np.sqrt(found.covariance.diagonal()))
+
+
+def deviation_rows() -> list[Row]:
+    """How wide the deviations of floors are: of rendered rigs with aged calibrations, and of real recordings."""
+    rendered, real = [], []
+    for n, path in enumerate(scene_files((), SCENES / "suite")):
+        progress(f"aged rig {n + 1}: {path.stem}")
+        rig, truth, frames = rendered_floor(random_scene("suite", AGED_SEED, path).scene, AGED_FRAMES)
+        try:
+            pairs = PairFrames(aged(rig, np.random.default_rng([AGED_SEED, n])), frames)
+            floor = pairs.floor()
+        except WorkError as error:
+            progress(f"refused: {error}")
+            continue
+        axes = [of.rectifying_rotations()[0] for of in (rig, pairs.rig)]
+        values = truth.height_m, math.degrees(truth.tilt_rad), math.degrees(truth.roll_rad)
+        rendered.append(over_deviations(floor, values, axes[0] @ axes[1].T))
+    for name, values in REAL_FLOORS.items():
+        if (folder := real_recordings() / name).is_dir():
+            progress(name)
+            floor = spread_frames(open_any(folder, OpenOptions(fps=None if name == "overhead-stereo" else 5.0))).floor()
+            real.append(over_deviations(floor, values, np.eye(3)))
+    rows = []
+    for kind, found in (("rendered rigs, aged", rendered), ("real recordings", real)):
+        off = np.array(found).reshape(-1, 3)
+        for what, part in (("height", off[:, 0]), ("tilt", off[:, 1]), ("roll", off[:, 2]), ("all three", off)):
+            rms = math.sqrt(float(np.nanmean(part**2))) if len(off) else math.nan
+            limit = 1.4 if what == "all three" else math.nan
+            rows.append(figure(f"floor, {len(off)} {kind}: errors over deviations, {what}, rms", rms, "1", limit))
+    return rows
+
+
 def rendered_lobby(tilt_deg: float) -> tuple[StereoRig, Floor, list[Frame[Shot]]]:
     """True rig and floor, and some frames, of the committed lobby from a camera at a tilt: steep ones hang above the
     middle of the room, flat ones at its wall."""
     scene = load_scene(SCENES / "demo.toml")
     place = (3.5, 2.0, 2.9) if tilt_deg < 50 else (3.5, 0.2, 2.6)
     mount = scene.mount.model_copy(update={"tilt_deg": float(tilt_deg), "at_m": place})
-    renderer = SceneRenderer(scene.model_copy(update={"rig": mount}))
+    return rendered_floor(scene.model_copy(update={"rig": mount}), 6)
+
+
+def rendered_floor(scene: Scene, n: int) -> tuple[StereoRig, Floor, list[Frame[Shot]]]:
+    """True rig and floor of a scene with a rig, and n frames spread over it."""
+    renderer = SceneRenderer(scene)
     frames: list[Frame[Shot]] = []
-    for index in np.linspace(0, renderer.n_frames - 1, 6).astype(int):
+    for index in np.linspace(0, renderer.n_frames - 1, n).astype(int):
         frame = renderer.frame(int(index))
-        assert frame.right is not None  # the scene has a rig
+        assert frame.right is not None
         frames.append(Frame(int(index), frame.timestamp_s, ((frame.left, frame.right),)))
     assert renderer.rig is not None and renderer.world_SE3_left is not None
     return renderer.rig, Floor(renderer.world_SE3_left), frames
@@ -345,7 +414,7 @@ def alignment_error(found: Sequence[RigEntry], true: Sequence[RigEntry]) -> tupl
 
 
 FAMILIES: dict[Family, Callable[[], list[Row]]] = {
-    "board": board_rows, "floor": floor_rows, "human": human_rows, "rigs": rig_rows,
+    "board": board_rows, "floor": floor_rows, "human": human_rows, "rigs": rig_rows, "deviations": deviation_rows,
 }  # fmt: skip
 
 
@@ -357,7 +426,7 @@ def calibration(*, only: Family | None = None, json_output: JsonFlag = False) ->
     Parameters
     ----------
     only
-        One family: board, floor, human or rigs.
+        One family: board, floor, human, rigs or deviations (is an error as large as the deviation that is given?).
     json_output
         Print one JSON object on stdout.
     """

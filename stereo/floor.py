@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import cached_property
+from dataclasses import replace
+from functools import cached_property, partial
 from types import MappingProxyType
 from typing import Any, cast
 
@@ -23,7 +24,7 @@ from stereo.matcher import RangeParams, SgbmMatcher, SgbmParams, disparity_range
 from stereo.recording import DepthCamera, Frame, Pair, Recording, Shot
 from stereo.rectify import Rectified, Rectifier, RectifyParams, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
-from stereo.rig_correction import match_corners
+from stereo.rig_correction import RigCorrection, match_corners
 from stereo.viewpoint import Viewpoints, of_one_viewpoint
 
 SETUP_FRAMES = 24
@@ -45,6 +46,9 @@ pixels have their error in common: a patch of 5 x 5."""
 LEFT_BY_CALIBRATION = 5e-4
 """Deviation of what a calibration leaves of disparities at the edge of the image, of its width: 0.3 px at 640 (measured
 on a factory calibration: up to 0.55 px)."""
+SCALE_STD, FOCAL_STD = 0.003, 0.002
+"""Deviations of a baseline, or of a sensor's unit of depth, and of a focal length [1]: printed boards and factories are
+off by some tenths of a per cent."""
 LIKE_LIGHT = 0.2
 """Logarithm of the ratio of two images' mean luma up to which they show the same light: people change it by less."""
 MIN_VALID = 0.03
@@ -88,6 +92,11 @@ class PairFrames:
         self.searched = disparity_range(geometry, self._search.range)
         masks = self.rectifier.mask, self.rectifier.right_mask
         self._match = SgbmMatcher(geometry, self._search.sgbm, self.searched, *masks)
+
+    @property
+    def rig(self) -> StereoRig:
+        """The corrected calibration."""
+        return self.correction(self._rig)
 
     @cached_property
     def plain(self) -> Rectifier:
@@ -153,7 +162,8 @@ class PairFrames:
 
         def align(plane: Plane) -> Plane:
             left, right = (median_image([p.left_grey for p in pairs]), median_image([p.right_grey for p in pairs]))
-            return align_plane(plane, left, right, median_image(depths), geometry)
+            aligned = align_plane(plane, left, right, median_image(depths), geometry)
+            return with_calibration_errors(aligned, geometry.baseline_m, self.correction)
 
         return floor_in(depths, geometry, self._search.floor, _BLIND_PAIR, align)
 
@@ -217,7 +227,9 @@ class DepthFrames:
 
     def floor(self) -> Floor:
         """The floor common to the frames. Raises WorkError: hardly any depth, or no floor is visible."""
-        return floor_in(self.depths, self.rectifier.geometry, self._search.floor, BLIND_SENSOR)
+        geometry = self.rectifier.geometry
+        align = partial(with_calibration_errors, baseline_m=geometry.baseline_m)
+        return floor_in(self.depths, geometry, self._search.floor, BLIND_SENSOR, align)
 
 
 def spread_frames(
@@ -289,6 +301,16 @@ def align_plane(plane: Plane, left: AnyArray, right: AnyArray, depth: F32, geome
     plane_px = used[:, :3]
     unsure_px = float(np.sqrt(np.einsum("ni,ij,nj->n", plane_px, covariance[:3, :3], plane_px).max()))
     return Plane(found[:3], plane.scale, covariance[:3, :3]) if unsure_px < gate_px else plane
+
+
+def with_calibration_errors(plane: Plane, baseline_m: float, correction: RigCorrection | None = None) -> Plane:
+    """The plane with the errors of a calibration added to its covariance, of which points on the plane show nothing:
+    a wrong length of the baseline scales it, a yaw moves all disparities alike, a roll tilts them."""
+    _, yaw, roll = (np.zeros(3) if correction is None else correction.left_over).tolist()
+    scaled, lengthened = SCALE_STD * plane.q, FOCAL_STD * plane.q * np.array([0.0, 0.0, 1.0])
+    turned = np.array([[0.0, 0.0, yaw], [0.0, roll, 0.0]]) / baseline_m
+    errors = np.vstack([scaled, lengthened, turned])
+    return replace(plane, covariance=plane.covariance + errors.T @ errors)
 
 
 def _without_light(image: AnyArray, window: int) -> F32:

@@ -77,6 +77,20 @@ class RigCorrection:
         """(3,) expected angles [rad]: nearly 0 where the calibration probably holds."""
         return self.angles * self.turned
 
+    @property
+    def left_over(self) -> F64:
+        """(3,) deviations [rad] of the turns that remain after the correction.
+
+        Rows hardly show yaw: a camera that has turned about the other two axes has turned as far about this one.
+        """
+        if np.isnan(self.deviations).any():
+            return np.full(3, math.radians(_MOUNT_DEG) * math.sqrt(2.0 * _TURNED))
+        turned = np.minimum(self.turned, 1.0)
+        found = np.sqrt(turned * (self.deviations**2 + (1.0 - turned) * self.angles**2))
+        pitch, yaw, roll = found.tolist()
+        shown = math.hypot(self.applied[0], self.applied[2]) / math.sqrt(2.0)
+        return np.array([pitch, math.hypot(yaw * math.sqrt(max(turned[0], turned[2])), shown), roll])
+
     def __call__(self, rig: StereoRig) -> StereoRig:
         """The calibration with the right camera turned by the applied angles; the rig itself when there are none."""
         if not self.applied.any():

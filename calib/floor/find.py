@@ -61,7 +61,8 @@ def find_floor(
         params: what counts as a floor.
     """
     params = params or FloorParams()
-    points = _points(clouds, sigma_z, planes.FLOOR_DISPARITY_STD_PX / (focal_px * baseline_m))
+    inverse_per_px = 1.0 / (focal_px * baseline_m)
+    points = _points(clouds, sigma_z, planes.FLOOR_DISPARITY_STD_PX * inverse_per_px)
     if len(points) < MIN_POINTS:
         raise WorkError(f"no floor found: only {len(points)} points with valid depth in {len(clouds)} frames")
     seen = Moved(np.empty((0, 3)) if moved is None else moved, np.array([*bodies]).reshape(-1, 3))
@@ -72,7 +73,9 @@ def find_floor(
         raise WorkError(planes.nothing_found(candidates, len(clouds)))
     if align is not None:
         best = replace(best, plane=align(best.plane))
-    return replace(_floor(best, cells), doubt=planes.doubt(best, candidates, seen))
+    return replace(
+        _floor(best, cells, planes.FLOOR_BIAS_PX * inverse_per_px), doubt=planes.doubt(best, candidates, seen)
+    )
 
 
 def floor_candidates(cells: Cells, params: FloorParams, moved: Moved) -> list[Candidate]:
@@ -118,7 +121,8 @@ def _away_from_edges(plane: Plane, cells: Cells, view: Rays) -> Bool:
     return free if (on & free).sum() > 0.3 * on.sum() else np.ones(len(view), dtype=np.bool_)
 
 
-def _floor(best: Candidate, cells: Cells) -> Floor:
+def _floor(best: Candidate, cells: Cells, bias: float) -> Floor:
+    """The floor that a plane is; ``bias`` of its inverse depth, which no number of points shows [1/m]."""
     plane, columns = best.plane, []
     # Covariance of (height, tilt, roll) by central differences over q.
     step = 1e-6 * float(np.linalg.norm(plane.q))
@@ -130,13 +134,15 @@ def _floor(best: Candidate, cells: Cells) -> Floor:
     pose = world_from_plane(plane.normal, plane.distance_m)
     view = cells.medians(plane.q)
     inliers = view.where(np.abs(view.residuals(plane.q)) < INLIER_SIGMAS)
+    # A bias of the middle of what is seen, and two slopes of it: narrow floors are known less well.
+    biases = bias**2 * np.linalg.pinv(inliers.rays.T @ inliers.rays / len(inliers))
     world = pose @ (inliers.rays / inliers.inverse[:, None])
     low, high = np.quantile(world[:, :2], (0.01, 0.99), axis=0)
     return Floor(
         pose,
         inlier_fraction=best.inlier_fraction,
         residual_m=float(np.sqrt(np.mean(world[:, 2] ** 2))),
-        covariance=np.asarray(jacobian @ plane.covariance @ jacobian.T),
+        covariance=np.asarray(jacobian @ (plane.covariance + biases) @ jacobian.T),
         extent_m=(float(low[0]), float(low[1]), float(high[0]), float(high[1])),
     )
 

@@ -20,6 +20,9 @@ from calib.types import F64, I64, Bool
 
 FLOOR_DISPARITY_STD_PX = 0.15
 """Deviation of the background's disparity after medians [px]: what sub-pixel bias leaves."""
+FLOOR_BIAS_PX = 0.03
+"""Deviation of the error that the disparities of a whole floor have in common [px]: of its middle and, one deviation
+away from there, of its slopes. Lenses and a matcher's steps leave it (rendered pairs calibrated by boards: 0.03)."""
 INLIER_SIGMAS = 3.0
 """Points within this many deviations lie on a plane: 99.7 % of Gaussian noise."""
 FRAME_GATE_PX = 3.0 * INLIER_SIGMAS

@@ -6,7 +6,8 @@ import pytest
 
 from calib.floor.plane import Plane
 from stereo.depth import Depth, RectifiedGeometry, back_project, median_image
-from stereo.floor import align_plane, of_like_light
+from stereo.floor import FOCAL_STD, SCALE_STD, align_plane, of_like_light, with_calibration_errors
+from stereo.rig_correction import RigCorrection
 
 GEOMETRY = RectifiedGeometry(4, 3, 400.0, 400.0, 1.5, 1.0, 0.1, disparity_std_px=0.25)
 
@@ -131,6 +132,15 @@ def test_a_plane_is_aligned_to_a_tenth_of_a_degree_and_knows_it(stands: bool) ->
     assert aligned.distance_m == pytest.approx(2.5, abs=0.01)
     assert np.degrees([aligned.tilt_rad, aligned.roll_rad]) == pytest.approx([60.0, 1.0], abs=0.1)
     assert 0 < np.sqrt(np.trace(aligned.covariance)) < 0.01
+
+
+def test_a_floor_is_known_no_better_than_the_baseline_that_scales_it_and_the_turn_of_the_camera():
+    known = Plane(np.array([0.0, 0.0, -0.4]), 1.0, np.zeros((3, 3)))  # 2.5 m below
+    scaled = 0.4**2 * (SCALE_STD**2 + FOCAL_STD**2)
+    np.testing.assert_allclose(with_calibration_errors(known, 0.1).covariance, np.diag([0, 0, scaled]))
+    rolled = RigCorrection(np.array([0.0, 0.0, 2e-3]), np.full(3, 1e-4), np.array([0.0, 0.0, 1.0]))
+    turned = (1e-4 / 0.1) ** 2, scaled + 0.5 * (2e-3 / 0.1) ** 2  # a yaw moves all disparities, a roll tilts them
+    np.testing.assert_allclose(with_calibration_errors(known, 0.1, rolled).covariance, np.diag([0, *turned]))
 
 
 def test_without_texture_the_guess_stays():

@@ -95,6 +95,15 @@ def test_sentence_names_what_was_corrected_and_what_was_kept() -> None:
     assert str(RigCorrection()) == "calibration kept: too little texture to compare it with the images"
 
 
+def test_a_rig_that_has_rolled_may_have_turned_as_far_about_the_vertical_which_rows_do_not_show():
+    rolled = RigCorrection(np.array([0.0, 0.0, 2e-3]), np.array([0.0, 1e-3, 1e-4]), np.array([0.0, 0.5, 1.0]))
+    yaw = np.sqrt(0.5 * 1e-3**2 + 0.5 * 2e-3**2)  # what was measured half surely, and the roll's half share of two
+    np.testing.assert_allclose(rolled.left_over, [0.0, yaw, 1e-4])
+    kept = RigCorrection(np.zeros(3), np.array([1e-4, 1e-3, 1e-4]), np.array([0.0, 0.5, 0.0]))
+    np.testing.assert_allclose(kept.left_over, 0.0)
+    assert np.degrees(RigCorrection().left_over) == pytest.approx([0.3 * np.sqrt(0.6)] * 3)  # nothing was measured
+
+
 def test_matches_of_a_shifted_image_show_the_shift() -> None:
     left, _ = ToyWorld().pair(toy_rig())
     right = np.roll(left, (3, -20), axis=(0, 1))
