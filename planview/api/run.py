@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -33,6 +34,7 @@ from planview.output.run import RunLog, RunOptions, begin_run, run_identity
 from planview.output.run import run as run_engine
 from planview.output.run_folder import RunFolder
 from planview.output.tables import MapsLog, refuse_unrecorded
+from planview.output.viewer import Viewer, live_viewer
 from planview.trajectories.table import Trajectories, TrajectoryCollector, read_tracks
 from stereo.matcher import Matcher
 
@@ -52,6 +54,7 @@ class _Written:
     overwrite: bool
     resume: bool
     checkpoint_every_s: float
+    viewer: Viewer | None
     watch: Callable[[FrameResult], None] | None
 
 
@@ -76,6 +79,7 @@ def run(
     rrd_every: int = 1,
     maps: bool = False,
     frames: Frames | None = None,
+    view: bool | Viewer = False,
     watch: Callable[[FrameResult], None] | None = None,
     quiet: bool = False,
     overwrite: bool = False,
@@ -91,6 +95,8 @@ def run(
     Example of saving the plan-view maps and tracking them again:
         planview run my_recording --out out --maps
         planview run out/maps.h5 --out again --tracker template
+
+    Example of watching it while it goes on: planview run my_recording --out out --view
 
     Example with one camera: planview run street.mp4 --tracker human-model --calibration camera.toml --out out
 
@@ -125,6 +131,8 @@ def run(
         maps: Also write maps.h5: foreground points of every frame as disparities and coarse colour codes, without
             images.
         frames: Frames to track, FIRST:LAST, or N for the first N: the background is learned from the first of them on.
+        view: Show the run in rerun while it goes on: in a window, or where there is no display on a page whose address
+            is printed.
         watch: Called after every frame.
         quiet: Print nothing but errors.
         overwrite: Replace the results of an earlier run in the folder.
@@ -144,10 +152,12 @@ def run(
         if resume and is_given:
             raise InputError(f"resume and {name} cannot be combined")
     every = rrd_every if rrd else 0
-    what = _Written(
-        path_of(out), path_of(rules), refine, strict, every, maps, frames, overwrite, resume, checkpoint_every, watch
-    )
     console = PlainConsole(stderr=True, quiet=quiet)
+    viewer = view if isinstance(view, Viewer) else live_viewer() if view else None
+    what = _Written(
+        path_of(out), path_of(rules), refine, strict, every, maps, frames, overwrite, resume, checkpoint_every, viewer,
+        watch,
+    )  # fmt: skip
     if isinstance(recording, Engine):
         named = {"right": right, "calibration": calibration, "camera": camera, "topics": topics, "fps": fps,
                  "detections": detections, "matcher": matcher, "config": config, "set": set or None}  # fmt: skip
@@ -214,16 +224,10 @@ def _tracked(engine: Engine, name: str, what: _Written, console: Console) -> Tra
     count = last - first + 1 if last >= 0 else 0
     remaining = max(announced - first, 0)
     progress = FrameProgress(console, min(count or remaining, remaining) if announced else count or None, first)
-
-    def watch(result: FrameResult) -> None:
-        progress(result)
-        if what.watch:
-            what.watch(result)
-
     if what.out is None:
         rows, n_frames = TrajectoryCollector(), 0
         engine.reset()
-        with progress:
+        with _watched(engine, what, progress) as watch:
             for result in islice(engine.after(first - 1), count or None):
                 rows.add(result.frame, result.timestamp_s, result.tracks)
                 n_frames = result.frame + 1
@@ -237,16 +241,34 @@ def _tracked(engine: Engine, name: str, what: _Written, console: Console) -> Tra
     every_s = 0.0 if name == "detections" else what.checkpoint_every_s
     with folder_lock(what.out):
         how = RunOptions(name, analytics, first, count, every_s, what.strict)
-        _write(engine, what.out, what, how, console, (progress, watch))
+        _write(engine, what.out, what, how, console, progress)
         if what.refine:
             refine_run(what.out)
     return _tracks_in(what.out)
 
 
+@contextmanager
+def _watched(engine: Engine, what: _Written, progress: FrameProgress) -> Iterator[Callable[[FrameResult], None]]:
+    """What is called with every frame: shows progress, feeds the viewer, and calls the user's own function."""
+    with ExitStack() as stack:
+        calls = [stack.enter_context(progress), what.watch]
+        if what.viewer is not None:
+            from planview.output.rerun_log import ViewerLog  # rerun takes a second
+
+            log = ViewerLog(engine, what.viewer.data)
+            stack.callback(log.close)
+            calls.append(log.frame)
+
+        def watch(result: FrameResult) -> None:
+            for call in filter(None, calls):
+                call(result)
+
+        yield watch
+
+
 def _write(
-    engine: Engine, out: Path, what: _Written, how: RunOptions, console: Console,
-    watched: tuple[FrameProgress, Callable[[FrameResult], None]],
-) -> None:  # fmt: skip
+    engine: Engine, out: Path, what: _Written, how: RunOptions, console: Console, progress: FrameProgress
+) -> None:
     """Track into a folder, from the checkpoint in it where the run resumes."""
     checkpoint = None
     if what.resume:
@@ -263,8 +285,7 @@ def _write(
         from planview.output.rerun_log import RerunLog  # rerun takes a second, and few runs write for it
 
         logs.append(RerunLog(engine, out / "run.rrd", what.rrd_every, resumed=checkpoint is not None))
-    progress, watch = watched
-    with progress:
+    with _watched(engine, what, progress) as watch:
         run_engine(engine, out, how, logs, watch, checkpoint)
     write_report(out)
     if how.analytics is not None and (note := how.analytics.rules.unreached(RunFolder(out).tracks)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -20,12 +21,13 @@ from planview.output.folder import HoldsResultsError
 from planview.output.progress import PlainConsole, summary
 from planview.output.report.snapshots import busiest_frame
 from planview.output.run_folder import RunFolder
+from planview.output.viewer import live_viewer
 from planview.synthetic.assets import DEMO
 
 GROUPS = {
     "Input": "calibration topics fps strict frames",
     "Tracking": "tracker detections config set refine rules print_config",
-    "Output": "out rrd rrd_every maps quiet json overwrite resume",
+    "Output": "out rrd rrd_every maps view quiet json overwrite resume",
 }
 Hidden = Annotated[float, Parameter(show=False)]
 
@@ -44,6 +46,8 @@ def run(call: Call) -> None:
         return
     if out is None:
         raise InputError("run needs --out FOLDER for the results")
+    viewer = live_viewer() if call["view"] else None
+    call.bound.arguments["view"] = viewer or False
     try:
         call()
     except InputError as error:
@@ -57,6 +61,10 @@ def run(call: Call) -> None:
     if info.counts:
         print_counts(info.counts, console)
     call.prints_json({"out": str(out), **info.model_dump(mode="json", exclude={"config"})})
+    if viewer is not None and viewer.page:
+        console.print("the page is served until Ctrl-C")
+        with suppress(KeyboardInterrupt):
+            viewer.wait()
 
 
 @command(api.replay, options=["frame"], names={"out": ["--out", "--png"]})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
 import socket
@@ -14,6 +15,7 @@ from pathlib import Path
 
 from calib.errors import WorkError
 from calib.io import reason
+from planview.output.progress import PlainConsole
 
 PORT, WEB_PORT = 9876, 9090
 """Where rerun's programs look for data and for the page."""
@@ -74,8 +76,22 @@ class Viewer:
 
 
 def live_viewer() -> Viewer:
-    """A viewer for frames as they are tracked: a window where there is a display, else a page; on free ports."""
-    return Viewer(web=not has_display(), port=free_port(PORT), web_port=free_port(WEB_PORT))
+    """A viewer for frames as they are tracked, on free ports: a window where there is a display, else a page, which a
+    notebook shows; its address is printed, and it is served as long as this program runs."""
+    viewer = Viewer(web=in_notebook() or not has_display(), port=free_port(PORT), web_port=free_port(WEB_PORT))
+    if viewer.page:
+        atexit.register(viewer.close)
+        PlainConsole(stderr=True, soft_wrap=True, highlight=False).print(f"open {viewer.page}")
+    if in_notebook():
+        from IPython.display import IFrame, display
+
+        display(IFrame(viewer.page, width="100%", height=720))  # type: ignore[no-untyped-call]
+    return viewer
+
+
+def in_notebook() -> bool:
+    """Whether this program is the kernel of a notebook."""
+    return "ipykernel" in sys.modules and "IPython" in sys.modules
 
 
 def has_display() -> bool:
