@@ -360,6 +360,14 @@ def human_rows() -> list[Row]:
             unit, what = "deg" if key == "tilt" else "%", f"people, {name}: {key}"
             rows.append(figure(f"{what}, median of {PEOPLE_SEEDS}", float(np.median(values)), unit))
             rows.append(figure(f"{what}, worst of {PEOPLE_SEEDS}", max(values), unit, PEOPLE_LIMITS[key]))
+        wide = {
+            "height": [(f.camera.height_m / truth.height_m - 1) / f.std.height for f in found],
+            "tilt": [(f.camera.tilt_rad - truth.tilt_rad) / f.std.tilt_rad for f in found],
+            "focal": [(f.camera.focal_px / truth.focal_px - 1) / f.std.focal for f in found],
+        }
+        for key, values in wide.items():
+            rms = math.sqrt(float(np.mean(np.square(values))))
+            rows.append(figure(f"people, {name}: errors over deviations, {key}, rms", rms, "1"))
         rows.append(figure(f"people, {name}: search", max(f.search_s for f in found), "s", 2.0))
     return rows
 

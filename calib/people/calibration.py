@@ -71,8 +71,9 @@ class Assessment(NamedTuple):
 
     Attributes:
         enough: whether floor error, height and tilt are within their limits.
-        floor_error_m: standard deviation of floor positions [m], the median over the region between the samples' feet,
-            after the shift and turn of the floor that fit best (they move no person against another).
+        floor_error_m: root mean square distance of floor positions from the true ones [m], the median over the region
+            between the samples' feet, after the shift and turn of the floor that fit best (they move no person against
+            another).
         next_sample: where one more person helps most; None where none does.
         sentence: all of this in words, beginning with "enough" or "not enough".
     """
@@ -269,6 +270,9 @@ def _refuse_unfit(fit: GroundCameraFit, errors: F64, name: str) -> None:
         raise WorkError(f"{name}: {problem}")
 
 
+FLOOR_ERROR_M = 0.35
+"""Floor error that is enough [m], and a tenth of the region in small rooms: half the distance of two people who walk
+side by side."""
 KNOWN_HEIGHT_STD, KNOWN_TILT_STD = 0.06, math.radians(1.5)
 """Deviations of the camera's height [1] and tilt [rad] up to which it is known well enough (half of those that three
 people give)."""
@@ -316,9 +320,9 @@ class _Advisor:
         known = np.isfinite(floor).all(axis=1)
         self.fit, self._pixels, self._floor = fit, pixels[known], floor[known]
         low, high = np.quantile(self._floor, (0.05, 0.95), axis=0) if known.any() else (np.zeros(2), np.zeros(2))
-        # Floor positions must be known to half the gate within which tracks are matched [m], and to a tenth of the
-        # region's size in small rooms.
-        self.limits = np.array([min(0.5, 0.1 * float(np.hypot(*(high - low)))), KNOWN_HEIGHT_STD, KNOWN_TILT_STD])
+        self.limits = np.array(
+            [min(FLOOR_ERROR_M, 0.1 * float(np.hypot(*(high - low)))), KNOWN_HEIGHT_STD, KNOWN_TILT_STD]
+        )
         x, y = (self._floor - self._floor.mean(axis=0)).T
         one, zero = np.ones(len(x)), np.zeros(len(x))
         rigid = np.stack([np.column_stack([one, zero, -y]), np.column_stack([zero, one, x])], axis=1)
@@ -326,8 +330,8 @@ class _Advisor:
         self.gain: F64 | None = None
 
     def deviations(self, covariance: F64, *, from_camera: bool = False) -> F64:
-        """(3,) of floor positions [m], the median over the pixels, relative to each other or ``from_camera``, camera
-        height [1] and tilt [rad].
+        """(3,) of floor positions, as distances [m], the median over the pixels, relative to each other or
+        ``from_camera``, camera height [1] and tilt [rad].
 
         Far places move more than in proportion, so that cameras away from the fit are tried: the points of the
         unscented transform (Julier and Uhlmann 1997).
@@ -347,7 +351,7 @@ class _Advisor:
             if not from_camera:
                 off -= self._rigid @ (self._rigid.T @ off)
             total += (off.reshape(-1, 2) ** 2).sum(axis=1)
-        return np.array([math.sqrt(float(np.median(total)) / len(steps) / 2), height_std, tilt_std])
+        return np.array([math.sqrt(float(np.median(total)) / len(steps)), height_std, tilt_std])
 
     def next_sample(self, model: HumanModel, walked: Bool | None) -> NextSample | None:
         """The place where one more person brings the deviations nearest to their limits."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from rich.progress import Progress
 
-from calib.errors import InputError
+from calib.errors import InputError, WorkError
 from calib.floor.find import floor_from_points
 from calib.floor_camera import FloorPinhole
 from calib.ground_camera import LENS_K_320, save_ground_camera
@@ -169,6 +169,7 @@ def human(
     field: float | None = None,
     camera_height: float | None = None,
     count: int = 50,
+    rough: bool = False,
     fps: float | None = None,
     quiet: bool = False,
 ) -> Calibrated[HumanCalibration]:
@@ -185,7 +186,8 @@ def human(
         image_size: WxH of the image that the samples were taken in. Not needed with a video, nor with a JSON that holds
             it as "image_size": [width, height].
         lens: pinhole, normal, normal-wide, fisheye or black-corner-fisheye; all are tried when not given.
-        out: camera.toml to write; next to it a picture (.png) and, with ``auto``, the samples.
+        out: camera.toml to write, if the camera is known well enough; next to it a picture (.png) and, with ``auto``,
+            the samples.
         frames: Video that the samples come from: its frames are the picture's background.
         auto: Collect the samples from a video of people walking by.
         person_height: Mean height of the people in the samples with shoes, where it is known [m]; 1.76 is assumed
@@ -195,6 +197,7 @@ def human(
             EXIF.
         camera_height: Height of the camera above the floor, where it is known [m].
         count: How many samples ``auto`` takes.
+        rough: Write a camera that is not known well enough, too, instead of failing.
         fps: Frames per second, where times are missing or wrong.
         quiet: Show no progress.
 
@@ -203,7 +206,7 @@ def human(
 
     Raises:
         InputError: samples or a video that cannot be read, or values that exclude each other.
-        WorkError: too few people were found.
+        WorkError: too few people were found, or the camera is not known well enough.
     """
     if lens is not None and lens not in LENS_K_320:
         raise InputError(f"expected one of {', '.join(LENS_K_320)}, found {lens!r}", argument="lens")
@@ -228,6 +231,8 @@ def human(
     check_samples(taken, size, str(path))
     console.print(f"fitting a camera to {len(taken)} sightings of people: half a minute for 50")
     found = calibrate_from_people(taken, size, lens, known=known, independent=independent, name=str(path))
+    if not (found.assessment.enough or rough):
+        raise WorkError(f"{path}: {found.assessment.sentence}; the camera was not written (rough writes it)")
     picture = file.with_suffix(".png")
     with writing(file):
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -120,7 +120,7 @@ class MotionWatch:
         both = list(zip(before, pair, strict=True))
         moved = [np.asarray(cv2.absdiff(a, b) > MOVED_LEVEL, dtype=np.bool_) for a, b in both]
         active = max(float(m.mean()) for m in moved[: 1 + is_pair]) >= ACTIVE_SHARE
-        same = [bool((a == b).all()) for a, b in both]
+        same = [bool((a == b).all() and a.any()) for a, b in both]  # without any depth nothing stands still
         # A camera that stands still repeats its image to the last bit; one in which nobody moves has noise.
         frozen = active and any(same)
         self._active += active

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli import JsonOf, Refused
+from cli import Cli, JsonOf, Refused
 
 from calib.camera import Camera
 from calib.formats import load_rig, write_rig
@@ -84,6 +84,15 @@ def test_camera_and_picture_are_written_for_the_image_size_of_the_file(people: P
     camera = load_ground_camera(out)
     assert camera.size == (640, 480) and printed["height_m"] == camera.height_m == pytest.approx(4.0, rel=0.01)
     assert sorted(p.name for p in out.parent.iterdir()) == ["camera.png", "camera.toml"]
+
+
+def test_a_camera_that_is_not_known_well_enough_is_written_only_when_that_is_wanted(tmp_path: Path, cli: Cli) -> None:
+    people, out = tmp_path / "people.json", tmp_path / "camera.toml"
+    write_samples(standing_people(GROUND_CAMERA, 3, 2, 4.0), people, GROUND_CAMERA.size)
+    status, printed = cli(*HUMAN, people, "--lens", "normal-wide", "--out", out)
+    assert status == 1 and "not enough: " in printed and "rough writes it" in printed
+    assert [path.name for path in tmp_path.iterdir()] == ["people.json"]
+    assert cli(*HUMAN, people, "--lens", "normal-wide", "--out", out, "--rough")[0] == 0 and out.is_file()
 
 
 def test_image_size_must_be_known_and_that_of_the_file(people, refused, tmp_path):
