@@ -15,7 +15,7 @@ from rich.table import Table
 
 from calib.errors import InputError, WorkError
 from planview.api.arguments import Frames, frame_span, in_range, path_of, table_of
-from planview.output.plot import PANELS, NamedTracks, Panel, figure_of, save_figure
+from planview.output.plot import PANELS, NamedTracks, Panel, figure_of, floor_picture, save_figure
 from planview.output.progress import PlainConsole, as_text
 from planview.output.report.page import differing_settings, write_report
 from planview.output.run_folder import RunFolder
@@ -80,13 +80,16 @@ def plot(
     out: Path | str | None = None,
     truth: Path | str | None = None,
     colour: Colouring = "id",
-    only: Sequence[Panel] = (),
+    what: Sequence[Panel] = (),
 ) -> Figure:
     """Plot where people walked, how fast, and how many there were, of one run or of several.
 
     Example: planview plot out
 
     Example with the true paths, as vector graphics: planview plot out --truth recording/truth.csv --out paths.svg
+
+    Example of the mean density and flow of people over a picture of the floor:
+        planview plot out --what density --what flow --out flow.png
 
     Example of two runs over each other: planview plot out/narrow out/wide --out both.png
 
@@ -95,7 +98,7 @@ def plot(
         out: Picture to write (.png, .svg or .pdf); plot.png in the folder of the first run when not given.
         truth: True people (truth.csv, or what planview evaluate reads), drawn as thin dashed lines.
         colour: What colours stand for in a plot of one run.
-        only: Plots to draw, all when not given; can be repeated.
+        what: Plots to draw; can be repeated. [default: paths, speed and count]
 
     Returns:
         The figure, which a notebook shows; of tables it is written only where ``out`` names a file.
@@ -110,7 +113,9 @@ def plot(
     tables = [load_tracks(tracks_file(Path(run))) if isinstance(run, Path | str) else table_of(run) for run in runs]
     tracks = [NamedTracks(name, table) for name, table in zip(names, tables, strict=True)]
     known = None if truth is None else load_truth(truth_file(Path(truth)) or Path(truth))
-    figure = figure_of(tracks, known, colour, only or PANELS)
+    folder = RunFolder.around(tracks_file(Path(runs[0]))) if isinstance(runs[0], Path | str) else None
+    floor = floor_picture(folder) if folder is not None and len(runs) == 1 and what else None
+    figure = figure_of(tracks, known, colour, what or PANELS, floor)
     if path := plot_file(*runs, out=path_of(out)):
         save_figure(figure, path)
     return figure

@@ -15,7 +15,6 @@ from calib.images import as_colour
 from calib.types import U8
 from planview.drawing.people import from_above
 from planview.output.folder import writing
-from planview.output.render import frames_or_none
 from planview.output.run_folder import RunFolder
 from planview.trajectories.plot import (
     INK,
@@ -67,6 +66,8 @@ PIXEL_M = 0.02
 
 def floor_picture(run: RunFolder) -> FloorPicture | None:
     """The floor where people were, as the first frame of a run shows it; None without its recording or a camera."""
+    from planview.output.render import frames_or_none  # the engine's parts take half a second
+
     if not run.has_run or run.camera is None or (frames := frames_or_none(run, lambda _: None)) is None:
         return None
     bounds = run.bounds()
