@@ -27,14 +27,21 @@ from planview.synthetic.assets import DEMO
 GROUPS = {
     "Input": "calibration topics fps strict frames",
     "Tracking": "tracker detections config set refine rules print_config",
-    "Output": "out rrd rrd_every maps view quiet json overwrite resume",
+    "Output": "out rrd maps view quiet json overwrite resume",
 }
-Hidden = Annotated[float, Parameter(show=False)]
+HIDDEN = Parameter(show=False)
+"""Of what few need: the documents have it."""
 
 
 @command(
     api.run,
-    types={"camera": None, "tracker": TrackerName, "detections": Path | None, "checkpoint_every": Hidden},
+    types={
+        "camera": None,
+        "tracker": TrackerName,
+        "detections": Path | None,
+        "checkpoint_every": Annotated[float, HIDDEN],
+        "rrd_every": Annotated[int, HIDDEN],
+    },
     names={"calibration": ["--calibration", "--camera"], "maps": ["--maps", "--save-maps"]},
     groups=GROUPS,
     own=JSON | {"print_config": "Print all parameters that the run would have as a file for --config, and end."},
