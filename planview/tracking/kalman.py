@@ -94,13 +94,15 @@ class FloorKalman(NamedTuple):
         covariance = self.covariance - gain @ innovation @ gain.T
         return FloorKalman(self.mean + gain @ (xy_m - self.mean[:2]), 0.5 * (covariance + covariance.T))
 
-    def found_at(self, xy_m: F64, noise: F64) -> FloorKalman:
-        """After a search for the likeliest position that has seen this prediction.
+    def found_at(self, xy_m: F64, noise: F64, fastest_mps: float = math.inf) -> FloorKalman:
+        """After a search for the likeliest position that has seen this prediction, no faster than ``fastest_mps``.
 
         The search's place is that of the posterior: the measurement is what makes it so.
         """
         measured = xy_m + noise @ (_inverse(self.covariance[:2, :2]) @ (xy_m - self.mean[:2]))
-        return self.corrected(measured, noise)
+        mean, covariance = self.corrected(measured, noise)
+        mean[2:] *= min(1.0, fastest_mps / max(float(np.hypot(mean[2], mean[3])), 1e-6))
+        return FloorKalman(mean, covariance)
 
     def moved_to(self, x_m: float, y_m: float) -> FloorKalman:
         """At another place, velocity and covariance unchanged (re-centering, Harville 2002, section 4)."""

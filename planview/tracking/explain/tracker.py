@@ -91,7 +91,9 @@ class ExplainingTracker(Carried, Generic[P, Q]):
         noise, up = s.noise(pose, curvature)
         if not person.head_in_view:
             noise = noise + STEP_STD_M**2 * np.eye(2)
-        person.kalman = person.kalman.found_at(pose[:2], noise)
+        # The speed of a newcomer is hardly known, and hardly anybody runs.
+        fastest_mps = math.inf if person.confirmed else body.SPEED_MAX_MPS
+        person.kalman = person.kalman.found_at(pose[:2], noise, fastest_mps)
         fresh = min(1.0, dt / self.params.errors_s)
         person.measure_facing(pose, turned, curvature[3:5], fresh)
         if person.head_in_view:
