@@ -99,8 +99,9 @@ def main() -> int:
         shutil.copytree(demo, place / "my_recording")
         shutil.copy(demo / "truth.csv", place)
         (place / "rules.toml").write_text(RULES, encoding="utf-8")
-        printed = {command: _typed(command, place)[1] for command in (WHOLE, EVALUATED)}
-        record += printed.values()
+        before = {command: _typed(command, place)[1] for command in (WHOLE, EVALUATED)}
+        record += before.values()
+        printed: dict[tuple[str, str], str] = {}
         for page in PAGES:
             # The rules of the tutorial are those that its figures count.
             if rules := [text for language, text in blocks(page) if language == "toml" and page.stem == "tutorial"]:
@@ -113,12 +114,15 @@ def main() -> int:
                 status, text = _typed(command, place)
                 failed += status != 0
                 record.append(text)
-                printed.setdefault(command, text)
+                printed[page.relative_to(ROOT).as_posix(), command] = text
     path = Path(sys.argv[1] if len(sys.argv) > 1 else ROOT / "out" / "commands.md")
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("\n".join(record), encoding="utf-8")
     print(f"{path}: {failed} commands failed")
-    wrong = [line for claim in CLAIMS if (line := difference(claim, printed.get(claim.command, "")))]
+    wrong = []
+    for claim in CLAIMS:
+        text = printed.get((claim.page, claim.command)) or before.get(claim.command, "")
+        wrong += filter(None, [difference(claim, text)])
     print("\n".join(wrong) or f"{len(CLAIMS)} figures in the text are those that the commands print")
     return failed + len(wrong)
 
