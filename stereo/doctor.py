@@ -46,7 +46,7 @@ CAMERA_M, CAMERA_SPREAD = 2.5, 0.5
 """Median height of cameras above floors [m], and the deviation of its logarithm (see ``calib.floor.plane``)."""
 PERSON_M, PERSON_STD_M, PERSON_STDS_MAX = 1.7, 0.15, 5.0
 """Height of the taller of what moves, mostly adults, its deviation with that of the measurement [m], and the deviations
-from which on it speaks no more against a floor: what moves may be a door."""
+above which it is no longer evidence against a floor: what moves may be a door."""
 PLAUSIBLE = -6.0
 """Least plausibility of a floor that explains anything: a tenth of the depth 9 m below, or people of 1.3 m or 2.1 m."""
 EDGES_MIN = 0.15
@@ -505,7 +505,7 @@ def _small(frame: Frame[Shot]) -> tuple[int, int]:
 
 
 def _edges(image: F32) -> F32:
-    """Strength of the edges of an image; beyond that of the strongest tenth it counts no more."""
+    """Strength of the edges of an image; capped at that of the strongest tenth."""
     strength = np.hypot(cv2.Sobel(image, cv2.CV_32F, 1, 0), cv2.Sobel(image, cv2.CV_32F, 0, 1))
     return np.asarray(np.minimum(strength, np.percentile(strength, 90)), dtype=np.float32)
 
