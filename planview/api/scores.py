@@ -20,6 +20,7 @@ from planview.counting.events import Event, read_events, write_event_header, wri
 from planview.counting.rules import AnalyticsParams, RulePlane, Rules, stereo_plane
 from planview.counting.totals import Clock, count_tracks, count_truth, score_counts, score_events
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
+from planview.evaluation.explain import explanation
 from planview.evaluation.result import Evaluation, pooled
 from planview.output.folder import unfinished_note, write_result, writing
 from planview.output.run_folder import RunFolder
@@ -132,24 +133,24 @@ def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, in
     if len(found) and len(true):
         (first, last), (begin, end) = ((int(t.frame.min()), int(t.frame.max())) for t in (found, true))
         if begin > last or end < first:
-            raise InputError(
-                f"{pair.truth}: expected truth of the frames {first} to {last} of {pair.tracks}, found {begin} to {end}"
-            )
-    run = RunFolder.around(pair.tracks)
+            expected = f"expected truth of the frames {first} to {last} of {pair.tracks}, found {begin} to {end}"
+            known = explanation(true, found, params.match_on == "floor")
+            raise InputError(f"{pair.truth}: {'; '.join(filter(None, (expected, known)))}")
+    run, scored = RunFolder.around(pair.tracks), span
     size = sequence_size(pair.truth) if run is None else run.info.size_px
     if params.match_on == "boxes" and size is not None:
         for path, table in ((pair.tracks, found), (pair.truth, true)):
             refuse_outside(table.box_px, size, str(path))
     if run is not None:  # the frames that it read are scored, as its report does
-        run = RunFolder(run.path, pair.truth, found)
-        end, what = run.n_frames - 1, "are left out: the run ended there"
+        end, what = RunFolder(run.path, other_tracks=found).n_frames - 1, "are left out: the run ended there"
+        scored = span or (run.info.first_frame, max(run.info.first_frame, end))
     else:
         end = int(found.frame.max(initial=-1))
         what = f"count as misses, unless the frames are limited to 0:{max(end, 0)}"
     beyond = int((true.frame > end).sum())
     late = f"{beyond} truth rows lie after the last {'frame' if run else 'track'} (frame {end}) and {what}"
     try:
-        result = evaluate_tracks(found, true, params, span) if run is None else run.evaluated(params, span)
+        result = evaluate_tracks(found, true, params, scored)
     except InputError as error:
         raise error.about(f"{pair.tracks} and {pair.truth}") from error
     uncovered = f"{pair.truth}: {result.uncovered}" if result.uncovered else ""

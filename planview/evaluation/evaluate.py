@@ -12,7 +12,7 @@ from calib.errors import InputError
 from calib.params import Params
 from calib.types import F64, I64, Bool
 from planview.evaluation.align import FloorAlignment, align_tracks, moved
-from planview.evaluation.explain import explanation, shift_between
+from planview.evaluation.explain import GOOD, explanation, fit, shift_between
 from planview.evaluation.metrics import Similarity, box_similarity, build_sequence, clear_scores, floor_similarity
 from planview.evaluation.result import Evaluation, FacingErrors, TruthRows
 from planview.evaluation.significant import (
@@ -27,10 +27,12 @@ from planview.evaluation.significant import (
     strict_identity_changes,
 )
 from planview.trajectories.state import SURE_FACING
-from planview.trajectories.table import Trajectories, frame_period_s, frame_step, people_of, rows_by_id
+from planview.trajectories.table import IGNORED, Trajectories, frame_period_s, frame_step, people_of, rows_by_id
 
 SHIFTED = 0.85
 """Share of the error that a shift must get below: with less gain both may count frames alike."""
+HEIGHTS_APART = 1.25
+"""Ratio of median heights that no two ways to measure a body have (shoulders are 0.82 of it)."""
 STEP_S = 0.25
 """Time before and after, between which the velocity of the truth is measured [s]. Half a stride, so that
 the sway of a walker cancels."""
@@ -71,16 +73,20 @@ def evaluate_tracks(
             empty scene, a frame without track rows one without detections; where most frames between those with
             truth rows have none, only some frames were annotated, and the others are left out.
     """
-    params = params or EvaluationParams()
+    params, whole = params or EvaluationParams(), truth
     if frames is None:
         seen = np.concatenate([tracks.frame, truth.frame])
         frames = (int(seen.min()), int(seen.max())) if len(seen) else (0, -1)
     tracks, truth = (t.where((t.frame >= frames[0]) & (t.frame <= frames[1])) for t in (tracks, truth))
-    if frame_step(np.unique(truth.frame)) > 1:
-        return _of_some_frames(tracks, truth, params)
+    some = frame_step(np.unique(truth.frame)) > 1
+    result = _of_some_frames(tracks, truth, params) if some else _scores(tracks, truth, params, frames)
+    return replace(result, explanation=_explained(tracks, whole, params, result))
+
+
+def _scores(tracks: Trajectories, truth: Trajectories, params: EvaluationParams, frames: tuple[int, int]) -> Evaluation:
+    """Scores of rows in these frames, without what would explain them."""
     frame_s, on_floor = frame_period_s(tracks, 1.0 / params.fps), params.match_on == "floor"
     claimed, predicted, people, alignment = _comparable(tracks, truth, params)
-    raw = claimed if alignment is None else tracks.where(_usable(tracks, on_floor) & (tracks.state == "confirmed"))
     similarity = floor_similarity(params.gate_m) if on_floor else box_similarity
     ignored, excused = _ignored(people, claimed, params.min_visible, similarity)
     counted, followed = people.where(~ignored), claimed.where(~excused)
@@ -115,9 +121,31 @@ def evaluate_tracks(
         covered_frames=len(np.intersect1d(claimed.frame, people.frame)),
         alignment=alignment,
         shift=_shift(counted, followed, similarity, on_floor),
-        explanation=explanation(counted, raw, on_floor),
         unplaced_rows=len(truth) - len(people) + int((tracks.state == "confirmed").sum()) - len(claimed),
     )
+
+
+def _explained(tracks: Trajectories, truth: Trajectories, params: EvaluationParams, result: Evaluation) -> str:
+    """What would make a bad score of confirmed rows good, in a sentence; ``truth`` with the rows of frames that were
+    not scored, since their numbers may be what is wrong."""
+    truth, on_floor = truth.where(truth.visible != IGNORED), params.match_on == "floor"
+    is_hidden = truth.visible < params.min_visible
+    tracks, hidden, counted = tracks.where(tracks.state == "confirmed"), truth.where(is_hidden), truth.where(~is_hidden)
+    if 2 * len(hidden) > len(truth) and fit(hidden, tracks, on_floor) >= GOOD:
+        return (
+            f"{len(hidden)} of {len(truth)} rows of the truth are too hidden to count, and yet most are near a track: "
+            "does its column visible hold the share that is seen?"
+        )
+    if result.alignment is None or fit(counted, moved(tracks, result.alignment), on_floor) < GOOD:
+        if explained := explanation(counted, tracks, on_floor):
+            return explained
+    true, found = (heights[np.isfinite(heights)] for heights in (counted.height_m, tracks.height_m))
+    if not (len(true) and len(found) and len(result.clear.matches)):
+        return ""
+    ratio = np.median(true) / np.median(found)
+    if not max(ratio, 1.0 / ratio) > HEIGHTS_APART:
+        return ""
+    return f"heights of the truth are {ratio:.3g} times those of the tracks: another unit or part of the body?"
 
 
 def _comparable(
@@ -183,7 +211,7 @@ def _of_some_frames(tracks: Trajectories, truth: Trajectories, params: Evaluatio
     period_s = frame_period_s(tracks, 1.0 / params.fps) * frame_step(annotated)
     own = tracks.where(np.isin(tracks.frame, annotated))
     scored, known = (replace(t, frame=np.searchsorted(annotated, t.frame)) for t in (own, truth))
-    result = evaluate_tracks(scored, known, params.model_copy(update={"fps": 1.0 / period_s}), (0, len(annotated) - 1))
+    result = _scores(scored, known, params.model_copy(update={"fps": 1.0 / period_s}), (0, len(annotated) - 1))
     claimed = tracks.where(tracks.state == "confirmed").frame
     return replace(
         result,
@@ -194,8 +222,8 @@ def _of_some_frames(tracks: Trajectories, truth: Trajectories, params: Evaluatio
 
 
 def _shift(truth: Trajectories, tracks: Trajectories, similarity: Similarity, on_floor: bool) -> int:
-    """The shift of the tracks [frames] that most pairs of near rows vote for; 0 unless their median error is below
-    SHIFTED of that without a shift."""
+    """The shift of the tracks [frames] that most pairs of near rows vote for; 0 unless with it most rows are near a
+    track, and their median error is below SHIFTED of that without it."""
 
     def error(shift: int) -> float:
         pairs = build_sequence(truth, replace(tracks, frame=tracks.frame + shift), similarity)
@@ -204,7 +232,9 @@ def _shift(truth: Trajectories, tracks: Trajectories, similarity: Similarity, on
         return 1.0 - float(np.median(nearest[nearest > 0])) if nearest.any() else 1.0
 
     shift = shift_between(truth, tracks, on_floor)
-    return shift if shift and error(shift) < SHIFTED * error(0) else 0
+    if not shift or fit(truth, replace(tracks, frame=tracks.frame + shift), on_floor) < GOOD:
+        return 0
+    return shift if error(shift) < SHIFTED * error(0) else 0
 
 
 def _prediction_histories(

@@ -1,12 +1,15 @@
 """What would explain a bad score: the changes of a truth table that make it fit the tracks.
 
 Axes, units, rates of the frames and forms of boxes are tried; a shift in time and an offset in the plane are not tried
-but voted for, by pairs of rows that are near each other and by pairs of rows of one frame (as a Hough transform does).
+but voted for, by pairs of rows that are near each other or move alike and by pairs of rows of one frame (as a Hough
+transform does). Any other turn or scale is fitted to a track and a person.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import cmath
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
@@ -14,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from calib.types import F64
-from planview.trajectories.table import Trajectories
+from calib.types import F64, I64
+from planview.trajectories.table import Trajectories, rows_by_id
 
 GOOD, GAIN = 0.8, 0.2
 """Share of the truth's rows near a track from which nothing needs explaining, and which an explanation must come near
@@ -27,7 +30,16 @@ VOTERS, VOTED_ON = 300, 1500
 SIMPLER = 0.03
 """Share of rows that one more change must gain (our choice)."""
 CHANGES_MAX = 2
-"""Changes tried together, besides a shift or an offset."""
+"""Changes tried together, besides a shift and an offset."""
+MOVED_FRAMES = 20
+"""Frames over which rows that move alike do so."""
+FITTED_ROWS, FITTED_IDS, SPREAD_M = 20, 8, 1.0
+"""Of a person and a track that are laid over each other: their common frames and how far they go [m] at the least, and
+how many of the longest are tried."""
+FITTED = 3
+"""As many changes as a fit counts for: a turn, a scale and an offset."""
+TURNED_DEG, SCALE = 1.0, 0.03
+"""A turn and a scale that are none."""
 
 Remade = Callable[[Trajectories], Trajectories]
 
@@ -125,57 +137,149 @@ class _Rows(NamedTuple):
 
 
 def explanation(truth: Trajectories, tracks: Trajectories, on_floor: bool) -> str:
-    """A sentence on the change of the truth that makes it fit the tracks, rows that have what is compared; empty where
-    they fit already, or where no change explains it."""
-    near = None if on_floor else CLOSE_BOX * float(np.median(tracks.box_px[:, 3])) if len(tracks) else 1.0
-    followed = _Rows.of(tracks, near)
+    """A sentence on the change of the truth that makes it fit the tracks; empty where they fit already, or where no
+    change explains it. Rows without what is compared are left out."""
+    truth, tracks = _placed(truth, on_floor), _placed(tracks, on_floor)
     if len(truth) < 20 or len(tracks) < 20:
         return ""
+    tried = _Tracks(tracks, on_floor)
     # Of every id alike: rows are sorted by frame, so that every n-th of them are all people's.
     thin = truth.where(np.arange(len(truth)) % max(1, len(truth) // VOTERS) == 0)
-    space, voted_on = cKDTree(followed.in_space), followed.thinned(VOTED_ON)
-    covered = float(followed.frame.min()), float(followed.frame.max())
-    now = _share(space, _Rows.of(thin, near), covered)
+    now = tried.share(tried.rows_of(thin))
     if now >= GOOD:
         return ""
-    best, found, size = (now, now), "", np.ptp(followed.at, axis=0).max()
+    best = _Explained(now, now)
     for clauses, changed in _changed(thin, on_floor):
-        if best[1] >= GOOD and len(clauses) > found.count(" and ") + 1:
+        if best.share >= GOOD and len(clauses) > len(best.clauses):
             break  # more changes explain no more
-        rows = _Rows.of(changed, near)
-        extent = np.ptp(rows.at, axis=0).max() if len(rows.at) else 0.0
-        if not size / 10 < extent < 10 * size:  # of another unit than the tracks
-            continue
-        frames, offset = voted_shift(rows, voted_on), voted_offset(rows, voted_on)
-        for clause, moved in (
-            ("", rows),
-            (f"the tracks are moved by {-frames:+d} frames", rows.moved(frames, np.zeros(2))),
-            (_beside(offset, near), rows.moved(0, offset)),
-        ):
-            known = [*clauses, clause] if clause else clauses
-            share = _share(space, moved, covered)
-            if known and share - SIMPLER * len(known) > best[0]:
-                best, found = (share - SIMPLER * len(known), share), " and ".join(known)
-    if best[1] < max(0.8 * GOOD, now + GAIN):
+        best = max([best, *tried.moves(clauses, changed)])
+    if on_floor and best.score < 1.0 - FITTED * SIMPLER:
+        best = max([best, *_fitted(truth, tracks, thin, tried)])
+    if best.share < max(0.8 * GOOD, now + GAIN):
         return ""
-    return f"{best[1]:.0%} of the truth's rows are near a track, in place of {now:.0%}, if {found}"
+    found = " and ".join(best.clauses)
+    return f"{best.share:.0%} of the truth's rows are near a track, in place of {now:.0%}, if {found}"
+
+
+def fit(truth: Trajectories, tracks: Trajectories, on_floor: bool) -> float:
+    """The share of the truth's rows that are near a track, 0 to 1; 0 where nothing can be compared."""
+    truth, tracks = _placed(truth, on_floor), _placed(tracks, on_floor)
+    if not (len(truth) and len(tracks)):
+        return 0.0
+    tried = _Tracks(tracks, on_floor)
+    return tried.share(tried.rows_of(truth))
 
 
 def shift_between(truth: Trajectories, tracks: Trajectories, on_floor: bool) -> int:
     """Frames by which the tracks have to be moved to lie near the truth, by the votes of pairs of rows at one place; 0
     where there are none."""
+    truth, tracks = _placed(truth, on_floor), _placed(tracks, on_floor)
     if not (len(truth) and len(tracks)):
         return 0
-    near = None if on_floor else CLOSE_BOX * float(np.median(tracks.box_px[:, 3]))
-    return -voted_shift(_Rows.of(truth, near).thinned(VOTERS), _Rows.of(tracks, near).thinned(VOTED_ON))
+    tried = _Tracks(tracks, on_floor)
+    return -voted_shift(tried.rows_of(truth).thinned(VOTERS), tried.voters)
 
 
-def _beside(offset: F64, near: float | None) -> str:
-    if near is not None:
-        x, y = np.round(-near * offset).astype(int).tolist()
-        return f"its boxes lie {x:+d}, {y:+d} px beside the tracks"
-    x, y = (0.01 * np.round(-100 * CLOSE_M * offset).astype(int)).tolist()
-    return f"it lies {x:+.2f}, {y:+.2f} m beside the tracks (align them)"
+class _Explained(NamedTuple):
+    """Changes of the truth, the share of its rows that they bring near a track, and that less SIMPLER for each."""
+
+    score: float
+    share: float
+    clauses: tuple[str, ...] = ()
+
+
+class _Tracks:
+    """The tracks that a truth is laid over."""
+
+    def __init__(self, tracks: Trajectories, on_floor: bool) -> None:
+        self._near = None if on_floor else CLOSE_BOX * float(np.median(tracks.box_px[:, 3]))
+        rows = self.rows_of(tracks)
+        self._space, self.voters = cKDTree(rows.in_space), rows.thinned(VOTED_ON)
+        self._moving = movements(tracks, rows).thinned(VOTED_ON)
+        self._covered, self._size = (rows.frame.min(), rows.frame.max()), np.ptp(rows.at, axis=0).max()
+
+    def rows_of(self, table: Trajectories) -> _Rows:
+        return _Rows.of(table, self._near)
+
+    def share(self, rows: _Rows) -> float:
+        """Share of the rows with a row of the tracks near, each of which serves one; of those in the frames that the
+        tracks cover, unless these are few."""
+        _, nearest = self._space.query(rows.in_space, distance_upper_bound=1.0)
+        inside = int(np.count_nonzero((rows.frame >= self._covered[0]) & (rows.frame <= self._covered[1])))
+        return len(np.unique(nearest[nearest < self._space.n])) / max(1, inside, len(rows.frame) // 3)
+
+    def explained(self, clauses: Sequence[str], rows: _Rows, changes: int | None = None) -> _Explained:
+        """``changes``: how many they are, where not one for each clause."""
+        share = self.share(rows)
+        return _Explained(share - SIMPLER * (len(clauses) if changes is None else changes), share, tuple(clauses))
+
+    def moves(self, clauses: Sequence[str], changed: Trajectories) -> Iterator[_Explained]:
+        """A changed truth as it is, and moved in time, in the plane and in both."""
+        rows = self.rows_of(changed)
+        extent = np.ptp(rows.at, axis=0).max() if len(rows.at) else 0.0
+        if not self._size / 10 < extent < 10 * self._size:  # of another unit than the tracks
+            return
+        frames, offset = voted_shift(rows, self.voters), voted_offset(rows, self.voters)
+        yield self.explained(clauses, rows)
+        yield self.explained([*clauses, _late(frames)], rows.moved(frames, np.zeros(2)))
+        yield self.explained([*clauses, self._beside(offset)], rows.moved(0, offset))
+        offset = voted_offset(rows.moved(voted_shift(movements(changed, rows), self._moving), np.zeros(2)), self.voters)
+        frames = voted_shift(rows.moved(0, offset), self.voters)
+        yield self.explained([*clauses, _late(frames), self._beside(offset)], rows.moved(frames, offset))
+
+    def _beside(self, offset: F64) -> str:
+        if self._near is not None:
+            x, y = np.round(-self._near * offset).astype(int).tolist()
+            return f"its boxes lie {x:+d}, {y:+d} px beside the tracks"
+        x, y = (0.01 * np.round(-100 * CLOSE_M * offset).astype(int)).tolist()
+        return f"it lies {x:+.2f}, {y:+.2f} m beside the tracks (align them)"
+
+
+def _late(frames: int) -> str:
+    return f"the tracks are moved by {-frames:+d} frames"
+
+
+def _placed(table: Trajectories, on_floor: bool) -> Trajectories:
+    needed = np.column_stack([table.x_m, table.y_m]) if on_floor else table.box_px
+    return table.where(np.asarray(np.isfinite(needed).all(axis=1)))
+
+
+def movements(table: Trajectories, rows: _Rows) -> _Rows:
+    """Where people are MOVED_FRAMES later as seen from where they are; only of those who are seen so long."""
+    moved = np.full((len(table), 2), np.nan)
+    for _, own in rows_by_id(table.track_id):
+        frame, later = rows.frame[own], rows.frame[own] + MOVED_FRAMES
+        for axis, place in enumerate(rows.at[own].T):
+            moved[own, axis] = np.interp(later, frame, place, right=np.nan) - place
+    known = np.isfinite(moved).all(axis=1)
+    return _Rows(rows.frame[known], moved[known])
+
+
+def _fitted(truth: Trajectories, tracks: Trajectories, thin: Trajectories, tried: _Tracks) -> Iterator[_Explained]:
+    """The truth turned, scaled and mirrored so that one of its people lies on a track: least squares, with places as
+    complex numbers."""
+    true, found, places = (t.x_m + 1j * t.y_m for t in (truth, tracks, thin))
+    for person, track, is_mirrored in product(_longest(truth), _longest(tracks), (False, True)):
+        _, i, j = np.intersect1d(truth.frame[person], tracks.frame[track], return_indices=True)
+        source, target = true[person][i], found[track][j]
+        if len(i) < FITTED_ROWS or abs(target - target[0]).max() < SPREAD_M or abs(source - source[0]).max() == 0:
+            continue
+        source, moved = (np.conj(source), np.conj(places)) if is_mirrored else (source, places)
+        from_middle = source - source.mean()
+        turn = np.vdot(from_middle, target) / np.vdot(from_middle, from_middle)
+        moved = turn * (moved - source.mean()) + target.mean()
+        scale, angle_deg = 1.0 / abs(turn), -math.degrees(cmath.phase(turn))
+        is_scaled = abs(scale - 1.0) > SCALE
+        turned = f"it is turned by {angle_deg:.0f} degrees{'' if is_mirrored or is_scaled else ' (align them)'}"
+        clauses = ["it is mirrored"] if is_mirrored else []
+        clauses += [turned] if abs(angle_deg) >= TURNED_DEG else []
+        clauses += [f"its places are {scale:.3g} times as far apart"] if is_scaled else []
+        yield tried.explained(clauses, tried.rows_of(replace(thin, x_m=moved.real, y_m=moved.imag)), FITTED)
+
+
+def _longest(table: Trajectories) -> list[I64]:
+    rows = [rows for _, rows in rows_by_id(table.track_id)]
+    return sorted(rows, key=len, reverse=True)[:FITTED_IDS]
 
 
 def _changed(truth: Trajectories, on_floor: bool) -> Iterator[tuple[list[str], Trajectories]]:
@@ -188,14 +292,6 @@ def _changed(truth: Trajectories, on_floor: bool) -> Iterator[tuple[list[str], T
             for change in changes:
                 changed = change.of(changed)
             yield [change.clause for change in changes], changed
-
-
-def _share(space: cKDTree, rows: _Rows, covered: tuple[float, float]) -> float:
-    """Share of the rows with a row of the tracks near, each of which serves one; of those in the frames that the tracks
-    cover, unless these are few."""
-    _, nearest = space.query(rows.in_space, distance_upper_bound=1.0)
-    inside = int(np.count_nonzero((rows.frame >= covered[0]) & (rows.frame <= covered[1])))
-    return len(np.unique(nearest[nearest < space.n])) / max(1, inside, len(rows.frame) // 3)
 
 
 def voted_shift(truth: _Rows, tracks: _Rows) -> int:

@@ -93,7 +93,7 @@ def _load(path: Path, truth: bool) -> TrajectoryFile:
         return layouts.read_jsonl(path)
     if named_columns(line) or not start:
         return read_motchallenge(path, truth=truth)
-    is_ours = {"frame", "id", "x_m", "y_m"} <= {name.strip('" \r') for name in line.split(",")}
+    is_ours = {"frame", "id", "x_m", "y_m"} <= {name.strip('" \r') for name in re.split("[,;\t]", line)}
     is_short = is_table and len(re.split(r"[\s,;]+", line.strip())) < 6
     if not is_ours and (is_short or line.startswith("#") or layouts.columns_of(text)):
         return layouts.read_rows(path, text)

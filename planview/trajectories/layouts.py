@@ -36,6 +36,7 @@ from planview.trajectories.table import (
     TRACK_COLUMNS,
     Trajectories,
     row_states,
+    separators,
     table_of,
 )
 
@@ -53,6 +54,7 @@ _NAMES = {
     "frame": "(frame|fr)(id|no|nr|number|index|num)?|timestep",
     "time": "t|(sim|global)?time(stamp)?|simsec",
     "x": _PLACE.format("x"), "y": _PLACE.format("y"), "z": _PLACE.format("z") + "|(head|body)?height",
+    "visible": "vis(ible|ibility)?",
 }  # fmt: skip
 """What programs call the columns of trajectories, in lower case and without units, blanks and signs."""
 LABORATORY_FPS, LABORATORY_SPAN_CM = 16.0, 100.0
@@ -63,7 +65,8 @@ _VALUES = ("x_m", "y_m", "vx_mps", "vy_mps", "height_m")
 
 
 Columns = dict[str, tuple[int, float | None]]
-"""Places of id, frame, time, x, y and z in a row, and their units in metres or seconds, None where they name none."""
+"""Places of id, frame, time, x, y, z and visible in a row, and their units in metres or seconds, None where they name
+none."""
 
 
 def columns_of(text: str) -> tuple[int, Columns] | None:
@@ -92,16 +95,21 @@ def read_rows(path: Path, start: str) -> TrajectoryFile:
     comments = "".join(takewhile(lambda line: line[0] == "#" or not line.strip(), start.splitlines(keepends=True)))
     header, columns = columns_of(start) or (-1, {})
     rows = [line for line in start.splitlines()[header + 1 :] if line.strip() and line[0] not in "#*"] or [""]
+    between, decimal = separators(rows[0])
     expected = f"rows of {' '.join(columns) or 'id frame x y z'}"
-    with expecting(path, expected, OSError, ValueError), warnings.catch_warnings():
+    with (
+        expecting(path, expected, OSError, ValueError),
+        warnings.catch_warnings(),
+        path.open(encoding="utf-8-sig") as lines,
+    ):
         # A file with nothing but comments is an empty table.
         warnings.filterwarnings("ignore", "loadtxt: input contained no data")
         table = np.loadtxt(
-            path, comments="*" if start.startswith("$") else "#",
-            delimiter=next((separator for separator in ";," if separator in rows[0]), None),
+            lines if decimal == "." else (line.replace(decimal, ".") for line in lines),
+            comments="*" if start.startswith("$") else "#", delimiter=between if between in rows[0] else None,
             skiprows=header + 1 + (header >= 0 and re.search(r"\d", rows[0]) is None),  # Pathfinder's line of units
             usecols=[place for place, _ in columns.values()] or None,
-            ndmin=2, dtype=np.float64, quotechar='"', encoding="utf-8-sig",
+            ndmin=2, dtype=np.float64, quotechar='"',
         )  # fmt: skip
     table = table if len(table) else np.empty((0, len(columns) or 5))
     if table.shape[1] < 4:
@@ -118,14 +126,14 @@ def read_rows(path: Path, start: str) -> TrajectoryFile:
         unit = unit or METRES["m"]
     if unit is None and None in (columns["x"][1], columns["y"][1]):
         raise InputError(f"{path}: expected the unit of x and y in their names or a comment (x/m or x/cm), found none")
-    units = {"id": 1.0, "frame": 1.0, "time": 1.0}
+    units = {"id": 1.0, "frame": 1.0, "time": 1.0, "visible": 1.0}
     named = zip(columns.items(), table.T, strict=False)
     values = {name: cells * (own or units.get(name, unit)) for (name, (_, own)), cells in named}
-    if "frame" not in values:
-        return _by_time(path, np.column_stack([values[name] for name in ("id", "time", "x", "y")]))
-    height = {"height_m": np.where(values["z"] > 0, values["z"], np.nan)} if "z" in values else {}
-    names = {"time": "timestamp_s", "x": "x_m", "y": "y_m"}
-    return TrajectoryFile(table_of({names.get(k, k): v for k, v in values.items()} | height, path), rate, note=note)
+    names = {"time": "timestamp_s", "x": "x_m", "y": "y_m", "z": "height_m"}
+    cells = {names.get(name, name): column for name, column in values.items()}
+    if "z" in values:
+        cells["height_m"] = np.where(values["z"] > 0, values["z"], np.nan)
+    return TrajectoryFile(table_of(cells, path), rate, note=note) if "frame" in cells else _by_time(path, cells)
 
 
 def _order(table: F64) -> tuple[str, ...]:
@@ -221,12 +229,14 @@ RATE_HZ = 10.0
 """Frames per second of positions whose times are uneven, between which they are interpolated."""
 
 
-def _by_time(path: Path, rows: F64) -> TrajectoryFile:
-    """(N, 4) rows of id, time, x and y; the time between a person's gives the frames, and where it is uneven (Vadere
-    writes footsteps), positions are interpolated."""
+def _by_time(path: Path, columns: dict[str, F64]) -> TrajectoryFile:
+    """Columns with times in place of frames; the time between a person's gives the frames, and where it is uneven
+    (Vadere writes footsteps), everything is interpolated."""
+    others = [name for name in columns if name not in ("id", "timestamp_s")]
+    rows = np.column_stack([columns[name] for name in ("id", "timestamp_s", *others)])
     rows = rows[np.lexsort((rows[:, 1], rows[:, 0]))]
     steps = np.diff(rows[:, 1])[np.diff(rows[:, 0]) == 0]
-    if not (np.isfinite(rows).all() and (steps > 0).any()):
+    if not (np.isfinite(rows[:, :2]).all() and (steps > 0).any()):
         raise InputError(f"{path}: expected people at several times, found none")
     span_s, note = float(np.ptp(rows[:, 1])), ""
     period_s = span_s / round(span_s / float(np.median(steps[steps > 0])))  # steps are rounded
@@ -235,16 +245,17 @@ def _by_time(path: Path, rows: F64) -> TrajectoryFile:
         note = f"times are uneven: positions are interpolated to {RATE_HZ:g} frames per second"
         period_s, rows = 1 / RATE_HZ, np.concatenate([_even(rows[rows[:, 0] == i]) for i in np.unique(rows[:, 0])])
         frames = rows[:, 1] / period_s
-    columns = {"id": rows[:, 0], "frame": np.round(frames), "x_m": rows[:, 2], "y_m": rows[:, 3]}
-    return TrajectoryFile(table_of(columns, path), 1 / period_s, note=note)
+    even = dict(zip(("id", "timestamp_s", *others), rows.T, strict=True)) | {"frame": np.round(frames)}
+    del even["timestamp_s"]  # from frames
+    return TrajectoryFile(table_of(even, path), 1 / period_s, note=note)
 
 
 def _even(rows: F64) -> F64:
-    """(M, 4) rows of one person at even times, from (N, 4) id, time, x and y by time."""
+    """(M, N) rows of one person at even times, from rows that begin with id and time, by time."""
     frames = np.arange(np.ceil(rows[0, 1] * RATE_HZ - 1e-9), np.floor(rows[-1, 1] * RATE_HZ + 1e-9) + 1)
     times = frames / RATE_HZ
-    x, y = (np.interp(times, rows[:, 1], rows[:, axis]) for axis in (2, 3))
-    return np.column_stack([np.full(len(times), rows[0, 0]), times, x, y])
+    others = [np.interp(times, rows[:, 1], column) for column in rows[:, 2:].T]
+    return np.column_stack([np.full(len(times), rows[0, 0]), times, *others])
 
 
 _ROW = {"id": "<i8", "frame": "<i8", "x": "<f8", "y": "<f8", "z": "<f8"}

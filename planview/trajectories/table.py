@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -68,6 +69,9 @@ def table_of(columns: Mapping[str, Any] | DataFrame, source: Path | str) -> Traj
         raise InputError(f"{source}: expected whole numbers for frame and id, found others")
     if (np.abs(keys) > KEY_MAX).any():
         raise InputError(f"{source}: expected frames and ids up to {KEY_MAX}, found {np.abs(keys).max():g}")
+    visible = rows["visible"].to_numpy()
+    if len(odd := visible[(visible != IGNORED) & ~((visible >= 0) & (visible <= 1))]):
+        raise InputError(f"{source}: expected shares of 0 to 1 in the column 'visible', found {odd[0]:g}")
     rows = rows.astype({"frame": np.int64, "id": np.int64}).sort_values(["frame", "id"], kind="stable")
     if len(twice := rows[rows.duplicated(["frame", "id"])]):
         where = f"frame {twice['frame'].iat[0]}, id {twice['id'].iat[0]}"
@@ -81,46 +85,56 @@ def table_of(columns: Mapping[str, Any] | DataFrame, source: Path | str) -> Traj
     )  # fmt: skip
 
 
+def separators(text: str) -> tuple[str, str]:
+    """What stands between the cells of the first lines of a table, and in its fractions: spreadsheets of some countries
+    write 1,5 between semicolons or tabs."""
+    between = next((separator for separator in "\t;" if separator in text), ",")
+    return between, "," if between != "," and re.search(r"\d,\d", text) else "."
+
+
 def _read(file: Path | str, required: Sequence[str], what: str) -> Trajectories:
     import pandas  # half a second
 
     path = Path(file)
     require_file(path, f"a {what} file")
     missing: list[str] = []
+    between, decimal = ",", "."
     try:
         with path.open(encoding="utf-8-sig", newline="") as text:
-            names = next(csv.reader(text), [])
+            first = text.readline()
+            between, decimal = separators(first + text.readline())
+            names = next(csv.reader([first], delimiter=between), [])
             if missing := [name for name in required if name not in names]:
                 raise InputError(f"{path}: expected a {what} file with the column {missing[0]!r}, found {names}")
         kinds = {name: "str" if name == "state" else "f8" for name in COLUMNS if name in names}
         cells = pandas.read_csv(
             path, usecols=list({*kinds, names[-1]}), dtype=kinds, index_col=False, keep_default_na=False,
             na_values=["", " ", "nan", "NaN"], skipinitialspace=True, float_precision="round_trip",
-            encoding="utf-8-sig",
+            encoding="utf-8-sig", sep=between, decimal=decimal,
         )  # fmt: skip
         # A row that is cut short lacks its last cell at least.
-        if cells[names[-1]].isna().any() and (fault := _first_fault(path, cells=False)):
+        if cells[names[-1]].isna().any() and (fault := _first_fault(path, between, decimal, cells=False)):
             raise InputError(f"{path}: {fault}")
         return table_of(cells, path)
     except (OSError, ValueError, csv.Error, InputError) as error:
-        if not missing and (fault := _first_fault(path)):
+        if not missing and (fault := _first_fault(path, between, decimal)):
             raise InputError(f"{path}: {fault}") from error
         if isinstance(error, InputError):
             raise
         raise InputError(f"{path}: expected a {what} file, found {reason(error)}") from error
 
 
-def _first_fault(path: Path, *, cells: bool = True) -> str:
-    """The first row of a CSV file that is cut short or, with ``cells``, has a cell that is not what its column holds;
+def _first_fault(path: Path, between: str, decimal: str, *, cells: bool = True) -> str:
+    """The first row of a table that is cut short or, with ``cells``, has a cell that is not what its column holds;
     empty where there is none."""
     with suppress(OSError, UnicodeDecodeError, csv.Error), path.open(encoding="utf-8-sig", newline="") as file:
-        reader = csv.reader(file)
+        reader = csv.reader(file, delimiter=between)
         names = next(reader, [])
         for row in filter(None, reader):
             if len(row) < len(names):
                 return f"expected {len(names)} cells in line {reader.line_num}, found fewer"
             for name, cell in zip(names, row, strict=False) if cells else ():
-                if expected := _expected(name, cell.strip()):
+                if expected := _expected(name, cell.strip().replace(decimal, ".")):
                     return f"expected {expected}, line {reader.line_num}, found {cell!r}"
     return ""
 

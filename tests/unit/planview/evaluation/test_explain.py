@@ -35,6 +35,12 @@ def two_walkers() -> Trajectories:
 TRUTH = two_walkers()
 
 
+def laid(table: Trajectories, turn: complex) -> Trajectories:
+    """Places as complex numbers times another one."""
+    places = turn * (table.x_m + 1j * table.y_m)
+    return replace(table, x_m=places.real, y_m=places.imag)
+
+
 @pytest.mark.parametrize(
     ("change", "named"),
     [
@@ -46,6 +52,10 @@ TRUTH = two_walkers()
         (lambda t: replace(u := t.where(t.frame % 3 == 0), frame=u.frame // 3), "if only 1 of 3 frames of the tracks"),
         (lambda t: replace(t, frame=t.track_id, track_id=t.frame), "if its columns of frames and ids are exchanged"),
         (lambda t: replace(t, x_m=-t.x_m, frame=t.frame + 40), "x axis is mirrored and the tracks are moved by +40"),
+        (lambda t: replace(t, frame=t.frame + 30, y_m=t.y_m - 3), "by +30 frames and it lies +0.00, -3.00 m beside"),
+        (lambda t: laid(t, np.exp(0.5j)), "if it is turned by 29 degrees (align them)"),
+        (lambda t: laid(t, -1.2), "if it is turned by 180 degrees and its places are 1.2 times as far apart"),
+        (lambda t: replace(t, frame=2 * t.frame), "if it has 2 numbers for each frame of the tracks"),
     ],
 )
 def test_a_change_of_the_truth_is_named(change: Callable[[Trajectories], Trajectories], named: str) -> None:
@@ -79,9 +89,24 @@ def test_a_shift_is_found_however_long() -> None:
     assert shift_between(TRUTH, replace(TRUTH, frame=TRUTH.frame + 120), on_floor=True) == -120
 
 
-def test_an_evaluation_says_what_would_explain_it() -> None:
-    scores = evaluate_tracks(TRUTH, replace(TRUTH, x_m=-TRUTH.x_m))
-    assert "x axis is mirrored" in scores.uncovered
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda t: replace(t, x_m=-t.x_m), "x axis is mirrored"),
+        (lambda t: replace(t, frame=2 * t.frame), "it has 2 numbers for each frame"),
+        (
+            lambda t: replace(t, visible=np.where(t.frame < 150, 0.0, 0.9)),
+            "300 of 400 rows of the truth are",
+        ),
+        (lambda t: replace(t, height_m=t.height_m / 2), "heights of the truth are 0.5 times those of the tracks"),
+    ],
+)
+def test_an_evaluation_says_what_would_explain_it(change: Callable[[Trajectories], Trajectories], said: str) -> None:
+    assert said in evaluate_tracks(TRUTH, change(TRUTH), frames=(0, FRAMES - 1)).uncovered
+
+
+def test_no_shift_is_named_of_a_truth_that_a_shift_does_not_explain() -> None:
+    assert evaluate_tracks(TRUTH, laid(TRUTH, np.exp(0.5j))).shift == 0
 
 
 def test_an_evaluation_says_that_all_rows_are_hidden() -> None:

@@ -385,6 +385,20 @@ def test_tables_of_simulations_are_read(tmp_path: Path, text: str) -> None:
     assert (file.table.track_id.tolist(), file.table.x_m.tolist()) == ([1, 1, 2], [1.0, 1.5, 7.0])
 
 
+@pytest.mark.parametrize("between", ["\t", ";"])
+@pytest.mark.parametrize("names", ["frame id x_m y_m height_m visible", "Frame Ped_ID X[m] Y[m] Height[m] Visibility"])
+def test_tables_of_spreadsheets_are_read_with_all_they_hold(tmp_path: Path, between: str, names: str) -> None:
+    text = f"{names}\n3 7 1,5 2,5 1,75 0,5\n".replace(" ", between)
+    table = load_file(written(tmp_path, text), truth=True).table
+    row = table.frame, table.track_id, table.x_m, table.y_m, table.height_m, table.visible
+    assert [column.tolist() for column in row] == [[3], [7], [1.5], [2.5], [1.75], [0.5]]
+
+
+def test_heights_and_visibility_of_a_table_with_times_for_frames_are_kept(tmp_path: Path) -> None:
+    table = load_file(written(tmp_path, "id,t_s,x,y,z,visible\n1,0,0,0,1.7,1\n1,.1,1,0,1.7,0.5\n")).table
+    assert (table.height_m.tolist(), table.visible.tolist()) == ([1.7, 1.7], [1.0, 0.5])
+
+
 def test_footsteps_of_vadere_are_interpolated_to_even_times(tmp_path: Path) -> None:
     file = load_file(written(tmp_path, VADERE + "1 0.0 0.6 0 0\n1 0.63 1 0.63 0\n1 1.0 1.5 1.0 0\n"))
     assert file.fps == 10.0 and "interpolated to 10 frames per second" in file.note
@@ -408,6 +422,12 @@ NO_WIDTH = "expected boxes with a width and height above 0, found in"
         (load_detections, "a.json", '[{"image_id": 1, "category_id": 1, "bbox": [1, 2, 0, 60]}]', NO_WIDTH),
         (load_detections, "a.json", '[{"image_id": 1, "category_id": 3, "bbox": [1, 2, 3, 6]}]', "found category 3"),
         (load_tracks, "a.csv", "pedID,time,posX,posY\n1,0.0,far,2.0\n", "rows of id time x y, found .*'far'"),
+        (
+            load_truth,
+            "a.csv",
+            "frame,id,x_m,y_m,height_m,visible\n1,2,3,4,1.7,99\n",
+            "of 0 to 1 .*, found 99",
+        ),
         (load_tracks, "a.trc", "version 4\n2\n", r"found pixels of PeTrack: export its \.txt"),
         *(
             (load_truth, "a.txt", f"1,7,10,20,30,60,{end}\n", "truth rows that count")
