@@ -227,6 +227,8 @@ def _refuse(constant: str) -> NoReturn:
 
 RATE_HZ = 10.0
 """Frames per second of positions whose times are uneven, between which they are interpolated."""
+DAY_S = 86400.0
+"""Times that begin later are those of a clock, such as seconds since 1970."""
 
 
 def _by_time(path: Path, columns: dict[str, F64]) -> TrajectoryFile:
@@ -238,11 +240,15 @@ def _by_time(path: Path, columns: dict[str, F64]) -> TrajectoryFile:
     steps = np.diff(rows[:, 1])[np.diff(rows[:, 0]) == 0]
     if not (np.isfinite(rows[:, :2]).all() and (steps > 0).any()):
         raise InputError(f"{path}: expected people at several times, found none")
-    span_s, note = float(np.ptp(rows[:, 1])), ""
+    (begin_s, span_s), note = (float(rows[:, 1].min()), float(np.ptp(rows[:, 1]))), ""
+    if begin_s > DAY_S:
+        note = f"times begin at {begin_s:.0f} s: frame 0 is then"
+        rows[:, 1] -= begin_s
     period_s = span_s / round(span_s / float(np.median(steps[steps > 0])))  # steps are rounded
     frames = rows[:, 1] / period_s
     if (np.abs(frames - np.round(frames)) > 0.1).any():
-        note = f"times are uneven: positions are interpolated to {RATE_HZ:g} frames per second"
+        uneven = f"times are uneven: positions are interpolated to {RATE_HZ:g} frames per second"
+        note = "; ".join(filter(None, (note, uneven)))
         period_s, rows = 1 / RATE_HZ, np.concatenate([_even(rows[rows[:, 0] == i]) for i in np.unique(rows[:, 0])])
         frames = rows[:, 1] / period_s
     even = dict(zip(("id", "timestamp_s", *others), rows.T, strict=True)) | {"frame": np.round(frames)}

@@ -42,8 +42,8 @@ STATES = ("tentative", "confirmed", "lost")
 PERSON_S = 0.5
 """A track is a person once it is confirmed for so long in all [s]. Flickers of foreground are shorter,
 people who cross the view are observed for longer."""
-HEIGHTS_M, SPEED_MAX_MPS, SPAN_MIN_M, IDS_PER_FRAME_MAX = (0.3, 3.0), 12.0, 0.3, 10
-"""Beyond these a table does not hold people: the smallest and the tallest, the fastest sprint, the room that two of
+HEIGHTS_M, SPEED_MAX_MPS, SPAN_MIN_M, IDS_PER_FRAME_MAX = (0.3, 3.0), 6.0, 0.3, 10
+"""Beyond these a table does not hold people: the smallest and the tallest, the fastest marathon, the room that two of
 them need, and how many of a crowd pass in a frame."""
 IGNORED = -1.0
 """``visible`` of a truth row that never counts: a distractor of a benchmark."""

@@ -399,6 +399,11 @@ def test_heights_and_visibility_of_a_table_with_times_for_frames_are_kept(tmp_pa
     assert (table.height_m.tolist(), table.visible.tolist()) == ([1.7, 1.7], [1.0, 0.5])
 
 
+def test_times_of_a_clock_begin_at_the_first(tmp_path: Path) -> None:
+    file = load_file(written(tmp_path, "id,time,x,y\n1,1700000000.0,0,0\n1,1700000000.1,1,0\n"))
+    assert file.table.frame.tolist() == [0, 1] and file.note == "times begin at 1700000000 s: frame 0 is then"
+
+
 def test_footsteps_of_vadere_are_interpolated_to_even_times(tmp_path: Path) -> None:
     file = load_file(written(tmp_path, VADERE + "1 0.0 0.6 0 0\n1 0.63 1 0.63 0\n1 1.0 1.5 1.0 0\n"))
     assert file.fps == 10.0 and "interpolated to 10 frames per second" in file.note
@@ -428,6 +433,7 @@ NO_WIDTH = "expected boxes with a width and height above 0, found in"
             "frame,id,x_m,y_m,height_m,visible\n1,2,3,4,1.7,99\n",
             "of 0 to 1 .*, found 99",
         ),
+        (load_tracks, "a.json", '[{"frame": 1}]', "found a JSON list: write an object for each frame"),
         (load_tracks, "a.trc", "version 4\n2\n", r"found pixels of PeTrack: export its \.txt"),
         *(
             (load_truth, "a.txt", f"1,7,10,20,30,60,{end}\n", "truth rows that count")
