@@ -136,9 +136,9 @@ def _explained(tracks: Trajectories, truth: Trajectories, params: EvaluationPara
             f"{len(hidden)} of {len(truth)} rows of the truth are too hidden to count, and yet most are near a track: "
             "does its column visible hold the share that is seen?"
         )
-    if result.alignment is None or fit(counted, moved(tracks, result.alignment), on_floor) < GOOD:
-        if explained := explanation(counted, tracks, on_floor):
-            return explained
+    is_laid = result.alignment is not None and fit(counted, moved(tracks, result.alignment), on_floor) >= GOOD
+    if not is_laid and (explained := explanation(counted, tracks, on_floor)):
+        return explained
     true, found = (heights[np.isfinite(heights)] for heights in (counted.height_m, tracks.height_m))
     if not (len(true) and len(found) and len(result.clear.matches)):
         return ""
