@@ -274,7 +274,8 @@ def _fitted(truth: Trajectories, tracks: Trajectories, thin: Trajectories, tried
         clauses = ["it is mirrored"] if is_mirrored else []
         clauses += [turned] if abs(angle_deg) >= TURNED_DEG else []
         clauses += [f"its places are {scale:.3g} times as far apart"] if is_scaled else []
-        yield tried.explained(clauses, tried.rows_of(replace(thin, x_m=moved.real, y_m=moved.imag)), FITTED)
+        if clauses:  # no more than an offset, which was voted for
+            yield tried.explained(clauses, tried.rows_of(replace(thin, x_m=moved.real, y_m=moved.imag)), FITTED)
 
 
 def _longest(table: Trajectories) -> list[I64]:
