@@ -103,13 +103,14 @@ class RigCorrection:
     def __str__(self) -> str:
         """One sentence."""
         if np.isnan(self.deviations).all():
-            return "calibration kept: too little texture to compare it with the images"
+            return "too little texture to compare the calibration with the images"
         names = ("pitch", "yaw", "roll")
         rows = list(zip(names, np.degrees(self.applied), np.degrees(self.deviations), self.is_applied, strict=True))
-        applied = [f"{name} corrected by {a:.3f} +- {d:.3f} degrees" for name, a, d, used in rows if used]
-        kept = [f"{name} {a:.3f} +- {d:.3f}" for name, a, d, used in rows if not used]
-        parts = [", ".join(applied), f"{', '.join(kept)} kept as calibrated" if kept else ""]
-        return "relative " + "; ".join(part for part in parts if part)
+        applied = [f"{name} corrected by {a:.3f} ± {d:.3f} degrees" for name, a, d, used in rows if used]
+        kept = [name for name, *_, used in rows if not used]
+        if not applied:
+            return "the calibration fits the images"
+        return ", ".join(applied) + (f"; {' and '.join(kept)} kept" if kept else "")
 
 
 def measure_correction(

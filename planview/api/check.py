@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Group, RenderableType
-from rich.markup import escape
 from rich.table import Column, Table
 from rich.text import Text
 
-from calib.errors import InputError, WorkError
+from calib.errors import InputError
 from calib.io import parse_length
 from calib.rig import save_rig
 from calib.times import Rate, rate_of_times
@@ -36,7 +35,8 @@ class RecordingChecks:
 
     Attributes:
         files: pictures that were written.
-        correction: of the calibration by the recording, in words; empty where it fits.
+        correction: of the calibration by the recording, in words; empty where there is nothing to correct, and then no
+            file is written.
     """
 
     checks: tuple[Check, ...]
@@ -127,7 +127,7 @@ def check(
 
     Raises:
         InputError: there is nothing that can be read, or nothing gives the times of its frames.
-        WorkError: not one frame can be decoded, or there is nothing to correct in the calibration.
+        WorkError: not one frame can be decoded.
     """
     path, options = Path(recording), opening(calibration, fps, topics, right)
     if quick:
@@ -140,16 +140,13 @@ def check(
     files = []
     if out is not None and diagnosis.seen:
         files = write_pictures(diagnosis.seen, diagnosis.floor, Path(out))
-    return RecordingChecks(diagnosis.checks, tuple(files), _corrected(path, diagnosis, path_of(corrected_rig)))
+    return RecordingChecks(diagnosis.checks, tuple(files), _corrected(diagnosis, path_of(corrected_rig)))
 
 
-def _corrected(recording: Path, diagnosis: Diagnosis, file: Path | None) -> str:
-    """How the recording corrects the calibration, in words; empty where it fits. Raises WorkError: a file is named for
-    it, and there is nothing to correct."""
+def _corrected(diagnosis: Diagnosis, file: Path | None) -> str:
+    """How the recording corrects the calibration, in words, written to the file; empty where it fits."""
     pair = diagnosis.seen if isinstance(diagnosis.seen, PairFrames) else None
     if pair is None or not pair.correction.is_applied.any():
-        if file is not None:
-            raise WorkError(f"{recording}: nothing to write to {file}: {pair.correction if pair else 'no pair'}")
         return ""
     if file is not None:
         rig = pair.correction(pair.plain.rig)
@@ -169,7 +166,7 @@ def verdict(checks: Sequence[Check]) -> list[str]:
         return [f"{first}{also}.", *lines]
     if warned:
         return [f"Results can be used, with {warnings}.", *lines]
-    unknown = [check.name for check in checks if not math.isfinite(check.value)]
+    unknown = [check.name for check in checks if check.is_unknown]
     also = f"; not measured: {', '.join(unknown)}" if unknown else ""
     return [f"Nothing wrong was found: {len(checks) - len(unknown)} checks passed{also}."]
 
@@ -178,10 +175,9 @@ def _table(checks: Sequence[Check]) -> Table:
     right = partial(Column, justify="right")
     result = Table("", "check", right("value"), right("limit"), "meaning")
     for check in checks:
-        mark = "[green]ok[/]" if check.ok else "[yellow]warning[/]" if check.warns else "[bold red]NO[/]"
-        number = f"{check.value:,.0f}" if check.value >= 1000 else f"{check.value:.3g}"
-        value = f"{number} {check.unit}".strip() if math.isfinite(check.value) else "-"
-        result.add_row(mark, check.name, value, check.limit_text, escape(check.note))
+        mark, style = ("ok", "green") if check.ok else ("warning", "yellow") if check.warns else ("NO", "bold red")
+        value = f"{check.number_text or '-' * check.is_unknown} {check.unit if check.number_text else ''}".strip()
+        result.add_row(Text(mark, style), check.name, value, check.limit_text, Text(check.note))
     return result
 
 

@@ -20,6 +20,7 @@ class Check:
         rule: "at most", "at least", "between" or "reported".
         note: what it means, in one clause.
         warns: a value beyond the limit is a warning: results are worse for it, and still of use.
+        std: standard deviation of the value; NaN where it is not known.
     """
 
     name: str
@@ -30,11 +31,27 @@ class Check:
     rule: str = "reported"
     note: str = ""
     warns: bool = False
+    std: float = math.nan
 
     @property
     def failed(self) -> bool:
         """Whether results cannot be trusted."""
         return not self.ok and not self.warns
+
+    @property
+    def is_unknown(self) -> bool:
+        """Whether a value that has a limit could not be measured."""
+        return self.limit is not None and not math.isfinite(self.value)
+
+    @property
+    def number_text(self) -> str:
+        """The value, to the first digit of its deviation where that is known; empty without a value."""
+        if not math.isfinite(self.value):
+            return ""
+        if not self.std > 0:
+            return f"{self.value:,.0f}" if self.value >= 1000 else f"{self.value:.3g}"
+        digits = max(0, -math.floor(math.log10(self.std)))
+        return f"{self.value:.{digits}f} ± {self.std:.{digits}f}"
 
     @property
     def limit_text(self) -> str:
@@ -48,25 +65,26 @@ class Check:
         """A clause on a value beyond its limit."""
         if self.limit is None:
             return f"{self.name}: {self.note}"
-        if not math.isfinite(self.value):
+        if self.is_unknown:
             return f"{self.name}: could not be measured ({self.note})"
         unit = f" {self.unit}" if self.unit else ""
-        return f"{self.name}: expected {self.limit_text}{unit}, found {self.value:.3g} ({self.note})"
+        return f"{self.name}: expected {self.limit_text}{unit}, found {self.number_text} ({self.note})"
 
     def to_json(self) -> dict[str, Any]:
         """Plain values; what could not be measured is null."""
-        return asdict(self) | {"value": round(self.value, 6) if math.isfinite(self.value) else None}
+        found = {"value": self.value, "std": self.std}
+        return asdict(self) | {name: round(x, 6) if math.isfinite(x) else None for name, x in found.items()}
 
 
 def limited(
     name: str, value: float, unit: str, note: str, *, least: float | None = None, most: float | None = None,
-    needed: bool = False, warns: bool = False,
+    needed: bool = False, warns: bool = False, std: float = math.nan,
 ) -> Check:  # fmt: skip
     """Passes inside the limits; a value that could not be measured fails only when it is needed."""
     low, high = -math.inf if least is None else least, math.inf if most is None else most
     ok = low <= value <= high or (math.isnan(value) and not needed)
     if least is not None and most is not None:
-        return Check(name, ok, value, unit, (least, most), "between", note, warns)
+        return Check(name, ok, value, unit, (least, most), "between", note, warns, std)
     if least is not None:
-        return Check(name, ok, value, unit, least, "at least", note, warns)
-    return Check(name, ok, value, unit, most, "reported" if most is None else "at most", note, warns)
+        return Check(name, ok, value, unit, least, "at least", note, warns, std)
+    return Check(name, ok, value, unit, most, "reported" if most is None else "at most", note, warns, std)

@@ -131,15 +131,6 @@ class Diagnosis:
     seen: PairFrames | DepthFrames | None = None
     floor: Floor | None = None
 
-    @property
-    def ok(self) -> bool:
-        """Whether results can be trusted; warnings leave it true."""
-        return not any(check.failed for check in self.checks)
-
-    def to_json(self) -> dict[str, Any]:
-        """The ``--json`` object of ``planview check``: ``ok`` and ``checks``."""
-        return {"ok": self.ok, "checks": [check.to_json() for check in self.checks]}
-
 
 def examine(
     path: Path,
@@ -170,7 +161,7 @@ def examine(
     try:
         recording = _video_of_one(path, options) or open_any(path, options)
     except InputError as error:
-        return Diagnosis((Check("calibration and layout", False, 0.0, note=str(error)),))
+        return Diagnosis((Check("calibration and layout", False, math.nan, note=str(error)),))
     if isinstance(recording, tuple):
         if person_height_m is not None:
             raise InputError(f"{path}: expected a pair or images with depth to measure people, found one camera")
@@ -188,7 +179,7 @@ def examine(
     else:
         seen_in_images, geometry = _image_checks(seen.frames, run), registration_checks(seen.frames, run)
     checks = [
-        Check("calibration and layout", True, 1.0, note=recording.head.source),
+        Check("calibration and layout", True, math.nan, note=recording.head.source),
         *times,
         elsewhere_check(seen.elsewhere),
         *still_checks(seen, run),
@@ -256,15 +247,14 @@ def _checks_of_one(
     steadiness = Steadiness()
     for frame in run:
         steadiness.update(frame.index, frame.timestamp_s, as_grey(frame.image))
-    height = math.nan if camera is None else camera.height_m
     note = "one camera, no calibration: places are in pixels" if camera is None else "one camera, calibrated"
     return [
-        Check("calibration and layout", True, 1.0, note=note),
+        Check("calibration and layout", True, math.nan, note=note),
         *times,
         *_image_checks(spread, run),
         flicker_check([grey_level(frame.image) for frame in run]),
         *steadiness_checks(steadiness),
-        camera_height(height, "of the camera above the floor, by its calibration"),
+        *([camera_height(camera.height_m, "above the floor, by the calibration")] if camera else []),
     ]
 
 

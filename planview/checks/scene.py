@@ -52,7 +52,8 @@ def alignment_checks(seen: PairFrames) -> list[Check]:
     offset = float(np.median(np.abs(matches[:, 3]))) * 640.0 / plain.geometry.width if enough else math.nan
     positive = float(np.mean(matches[:, 0] - matches[:, 2] > -0.5)) if enough else math.nan
     turn = fit_correction(matches, plain.geometry)
-    turned_deg = math.degrees(float(np.linalg.norm(turn.applied))) if enough else math.nan
+    turned = (np.linalg.norm(turn.applied), np.linalg.norm(turn.deviations)) if enough else (math.nan, math.nan)
+    turned_deg, std_deg = np.degrees(turned).tolist()
     return [
         limited("matched corners", float(len(matches)), "", "corners that both cameras show", least=MIN_MATCHES),
         # Share of corners whose right place is to the left of the left one; far corners may err by calibration.
@@ -62,7 +63,7 @@ def alignment_checks(seen: PairFrames) -> list[Check]:
         limited("row offset", offset, "px", "median, of 640 px, before the rig is corrected", most=1.5),
         # Rotation of the right camera since calibration: half a degree of pan shifts disparities by 3.5 px of 640, or
         # 15 % of the depth at 2 m; a worn factory calibration has up to 0.2.
-        limited("camera turn", turned_deg, "deg", f"right camera since calibration; {correction}", most=0.5),
+        limited("camera turn", turned_deg, "deg", f"since calibration; {correction}", std=std_deg, most=0.5),
         # Row offset that is left [px]: block matching loses half of its matches beyond.
         limited("row residual", correction.after_px, "px", "median, after the rig is corrected", most=0.5),
     ]
@@ -96,25 +97,29 @@ def explained_check(name: str, found: Explained | None, note: str, *, warns: boo
 
 
 def light_checks(*cameras: Sequence[U8]) -> list[Check]:
-    """Over-exposure and under-exposure, from images of each camera."""
+    """Over-exposure and under-exposure, from images of one camera, or of the left and the right one."""
     sides = [[as_grey(image) for image in images] for images in cameras]
-    over = max(float(np.median([np.mean(i[::2, ::2] >= SATURATED_LEVEL) for i in side])) for side in sides)
-    bright = min(float(np.median([np.percentile(i[::2, ::2], 90) for i in side])) for side in sides)
+    over = [float(np.median([np.mean(i[::2, ::2] >= SATURATED_LEVEL) for i in side])) for side in sides]
+    bright = [float(np.median([np.percentile(i[::2, ::2], 90) for i in side])) for side in sides]
+    names = ["", ""] if len(sides) == 1 else [" of the left camera", " of the right camera"]
+    most_over, darkest = names[int(np.argmax(over))], names[int(np.argmin(bright))]
     return [
         # Share of saturated pixels that leaves enough to see people by; a sunny terrace has up to a quarter.
-        limited("over-exposure", over, "", "share of saturated pixels in the worse camera", most=0.35, warns=True),
+        limited("over-exposure", max(over), "", f"share of saturated pixels{most_over}", most=0.35, warns=True),
         # The brightest tenth of a picture must reach this grey level: below, sensor noise is a good part of any
         # texture.
-        limited("under-exposure", bright, "grey", "brightest tenth of the picture, darker camera", least=40.0),
+        limited("under-exposure", min(bright), "grey", f"brightest tenth of the picture{darkest}", least=40.0),
     ]
 
 
 def steadiness_checks(steadiness: Steadiness) -> list[Check]:
     """Whether one camera stood still and showed one scene, from the frames so far."""
-    at = f", first at {steadiness.first_moving_s:.1f} s" if steadiness.moving_s else ""
-    where = f", first at frame {steadiness.cuts[0]}" if steadiness.cuts else ""
-    moves = f"the whole image moves{at}: the camera must stand still, and tracking pauses while it moves"
-    cuts = f"the view changes at once{where}: the background is learned again, and people begin new tracks"
+    moves = cuts = "the same view throughout"
+    if steadiness.moving_s:
+        moves = f"the whole image moves, first at {steadiness.first_moving_s:.1f} s: tracking pauses while it moves"
+    if steadiness.cuts:
+        at = f"first at frame {steadiness.cuts[0]}"
+        cuts = f"the view changes at once, {at}: the background is learned again, and people begin new tracks"
     return [
         # Longest motion of the camera that a run does not report [s]: a knock at the mast.
         limited("moving camera", round(steadiness.moving_s, 2), "s", moves, most=0.5),
@@ -259,13 +264,14 @@ def floor_checks(floor: Floor | None, refused: str = "") -> list[Check]:
     """Share, flatness and distance of the floor (None: ``refused`` gives the reason), and a warning where it may be a
     wall."""
     share, height_m = (floor.inlier_fraction, floor.height_m) if floor else (math.nan, math.nan)
+    std_m = math.nan if floor is None or floor.covariance is None else math.sqrt(floor.covariance[0, 0])
     why = "share of valid depth that lies on it" if floor else refused
     checks = [
         # Share of valid depth on the floor (a hand's breadth of floor between furniture still shows it).
         limited("floor share", share, "", why, least=0.10, needed=floor is None),
         # Deviation of floor points from the plane [m]: with more, a foot looks like a shadow.
         limited("floor flatness", floor.residual_m if floor else math.nan, "m", "rms from the plane", most=0.12),
-        camera_height(height_m, "of the (left) camera above it"),
+        camera_height(height_m, "above the floor", std_m),
     ]
     if floor and floor.doubt:
         checks.append(Check("floor or wall", False, math.degrees(floor.tilt_rad), "deg", note=floor.doubt, warns=True))
@@ -320,9 +326,9 @@ def _is_other_plane(seen: PairFrames | DepthFrames, given: SE3, found: Floor) ->
     return height_m < low and low <= height_m + float(given.translation[2]) - found.height_m <= high
 
 
-def camera_height(height_m: float, note: str) -> Check:
+def camera_height(height_m: float, note: str, std_m: float = math.nan) -> Check:
     """A height above the floor from which people can be tracked."""
-    return limited("camera height", height_m, "m", note, least=1.2, most=10.0)
+    return limited("camera height", height_m, "m", note, std=std_m, least=1.2, most=10.0)
 
 
 FLOOR_SHARE_DOUBTED = 0.2

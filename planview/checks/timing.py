@@ -91,10 +91,10 @@ class Lag(NamedTuple):
 
     def check(self, name: str, what: str, against: str = "", *, apart: bool) -> Check:
         """The lag of ``what`` as a check."""
-        which = "late" if self.frames >= 0 else "ahead"
-        known = f"{what} {abs(self.frames):.1f} +- {self.std:.1f} frames {which}{against}"
-        note = f"{known if math.isfinite(self.frames) else f'offset of the {what}'}, by movement"
-        return Check(name, not apart, abs(self.frames), "frames", MAX_LAG, "at most", note)
+        which = "ahead" if self.frames < 0 else "late"
+        known = f"{what} {which}{against}" if math.isfinite(self.frames) else f"offset of the {what}"
+        note = f"{known}, by movement"
+        return Check(name, not apart, abs(self.frames), "frames", MAX_LAG, "at most", note, std=self.std)
 
 
 class MotionWatch:
@@ -150,7 +150,7 @@ class MotionWatch:
         longest = float(self._longest) if self._active else math.nan
         first, second = self._sides
         alone = f"share of frames in which the {first} or the {second} alone stands still"
-        longest_one, copies = f"longest{self._standing}", "share of pairs that repeat the one before"
+        longest_one, copies = f"longest such time{self._standing}", "share of pairs that repeat the one before"
         return [
             limited("frozen camera", self._frozen / active, "", alone + self._standing, most=0.1),
             # Half a second at 15 Hz [frames]; what both cameras show moves in both.

@@ -26,11 +26,15 @@ def check(call: Call) -> None:
     for path in result.files:
         say(f"wrote {path}")
     if call["out"] and not result.files:
-        say(f"{call['out']}: no pictures, which show a pair or depth")
+        say(f"{call['out']}: no pictures were written, because there is no depth to show")
+    rig = call["corrected_rig"]
     if result.correction:
         way = f"planview check {recording} --corrected-rig rig.toml writes the corrected calibration"
-        say(f"{result.correction}: {f'wrote {rig}' if (rig := call['corrected_rig']) else way}")
+        say(f"wrote {rig}" if rig else way)
     if failed := [check.name for check in result.checks if check.failed]:
         count = f"{len(failed)} of {len(result.checks)} checks failed"
-        pictures = "" if call["out"] else "; --out FOLDER draws a frame with its depth and rows"
+        has_depth = any(check.name == "valid disparity" for check in result.checks)
+        pictures = "; --out FOLDER draws a frame with its depth" if has_depth and not call["out"] else ""
         raise WorkError(f"{call['recording']}: {count}: {', '.join(failed)}{pictures}")
+    if rig and not result.correction:
+        raise WorkError(f"{rig} was not written: there is nothing to correct in the calibration")

@@ -133,6 +133,7 @@ class Engine:
         self.recording, self.config, self.heads, self.tracker = recording, config, tuple(heads), tracker
         self.camera, self.size = heads[0].camera, heads[0].size
         self.ahead, self._last_s = min(head.ahead for head in heads), -math.inf
+        self.camera_source = "given"  # or the file of a single camera, by its name
         self.rigs = {head.name: head.rig for head in heads if head.rig is not None}
         self.stereo: FloorRig | None = None
         if heads[0].rig is not None:
@@ -234,7 +235,7 @@ class Engine:
 
     def floor_info(self) -> FloorInfo | None:
         """The floor as ``run.json`` has it; None where there is no calibrated camera."""
-        return floor_info(self.camera, self.stereo)
+        return floor_info(self.camera, self.stereo, self.camera_source)
 
     def reset(self) -> None:
         """Forget all frames: people, background and feedback."""

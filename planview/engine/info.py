@@ -118,14 +118,14 @@ def _rig_info(rig: FloorRig) -> CameraInfo:
     )
 
 
-def floor_info(camera: FloorCamera | None, rig: FloorRig | None) -> FloorInfo | None:
-    """The floor below a rig, or below a single camera; None for one that is not calibrated."""
+def floor_info(camera: FloorCamera | None, rig: FloorRig | None, source: str = "given") -> FloorInfo | None:
+    """The floor below a rig, or below a single camera of a ``source``; None for one that is not calibrated."""
     floor = camera if isinstance(camera, GroundCamera) else None if rig is None else rig.floor
     if floor is None:
         return None
     tilt_deg, roll_deg = math.degrees(floor.tilt_rad), math.degrees(floor.roll_rad)
     if rig is None:
-        return FloorInfo(height_m=floor.height_m, tilt_deg=tilt_deg, roll_deg=roll_deg, source="camera.toml")
+        return FloorInfo(height_m=floor.height_m, tilt_deg=tilt_deg, roll_deg=roll_deg, source=source)
     known = not math.isnan(rig.floor.inlier_fraction)
     return FloorInfo(
         height_m=floor.height_m,

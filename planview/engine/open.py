@@ -124,6 +124,7 @@ def engine_of(
         refuse_untimed(recording)
         head = CameraHead(config.single_camera, first.size, follower, ground_camera)
         engine = Engine(recording, config, [head], follower)
+        engine.camera_source = camera.name if isinstance(camera, Path) else "given"
         if study:
             engine.study(max(1, round(recording.fps / OVERVIEW_HZ)))
         return engine

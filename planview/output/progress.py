@@ -82,22 +82,22 @@ class FrameProgress(Progress):
 
 
 def summary(console: Console, info: RunInfo, folder: Path) -> None:
-    """People seen, frames read and skipped, floor, and the median time of every stage."""
+    """People seen, frames read and skipped, calibration, floor, and the median time of every stage."""
     table = Table(show_header=False, box=None, pad_edge=False)
     table.add_row("people seen", str(info.people) + (f": {info.remark}" if info.remark else ""))
     skipped = f", {info.frames_skipped} skipped ({info.skipped[0].why})" if info.skipped else ""
-    rate = info.frames_read / info.elapsed_s if info.elapsed_s else 0.0
     begun = f" from frame {info.first_frame} on, where the background starts" if info.first_frame else ""
-    table.add_row("frames", f"{info.frames_read} read{begun}{skipped}, {rate:.1f} per second, results written")
+    table.add_row("frames", f"{info.frames_read:,}{begun}{skipped}, tracked in {info.elapsed_s:.0f} s")
     for note in info.notes:
         table.add_row("note", note)
     if info.rig and info.rig.correction:
         table.add_row("calibration", info.rig.correction)
     if floor := info.floor:
-        above = f"{floor.height_m:.2f} m above the floor, tilt {floor.tilt_deg:.1f} deg ({floor.source})"
+        source = "floor found in the recording" if floor.source == "found" else floor.source
+        above = f"{floor.height_m:.2f} m above the floor, tilt {floor.tilt_deg:.1f} degrees ({source})"
         table.add_row("camera", above)
     stages = ", ".join(f"{name} {ms:.1f}" for name, ms in info.stages_ms.items() if ms is not None)
-    table.add_row("ms per stage", f"{stages} (median; reading overlaps)")
+    table.add_row("ms per frame", f"{stages} (medians; reading runs in parallel)")
     table.add_row("results", str(folder))
     for warning in info.warnings:
         table.add_row("warning", warning.text)

@@ -321,8 +321,10 @@ class Detections:
     @property
     def summary(self) -> str:
         """Whose boxes these are, in a sentence."""
-        scores = "scores count as probabilities" if self.scored else "scores have no meaning"
-        boxes = f"people are {sum(map(len, self.frames))} boxes of {Path(self.source).name}, {len(self.frames)} frames"
+        boxes = f"{sum(map(len, self.frames)):,} boxes in {len(self.frames)} frames of {Path(self.source).name}"
+        has_scores = len({score for array in self.frames for score in array[:, 4].tolist()}) > 1
+        scores = "scores are not between 0 and 1, and are ignored" * has_scores
+        scores = "scores count as probabilities" if self.scored else scores
         return "; ".join(filter(None, (boxes, scores, self.note)))
 
     def within(self, size: tuple[int, int]) -> Detections:

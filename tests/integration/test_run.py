@@ -42,8 +42,8 @@ def folder(engine: Engine, recording: Path, tmp_path_factory: pytest.TempPathFac
 def test_the_summary_tells_the_counts_and_one_speed_with_its_meaning(folder: Path) -> None:
     output = " ".join((folder.parent / "output.txt").read_text().split())
     assert re.search(r"gate │ tripwire │ left to right \d, right to left \d, people 1", output)
-    assert re.search(r"\d per second, results written", output)
-    assert "median; reading overlaps" in output
+    assert re.search(r"tracked in \d+ s", output)
+    assert "medians; reading runs in parallel" in output
 
 
 def test_tracks_have_the_columns_of_the_contract_and_nothing_half_written_is_left(folder: Path) -> None:

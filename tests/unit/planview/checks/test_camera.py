@@ -11,6 +11,7 @@ from toy_recordings import write_frames
 
 from calib.ground_camera import GroundCamera, save_ground_camera
 from calib.types import F32, U8
+from planview.checks.check import Check
 from planview.checks.examine import examine
 from planview.checks.scene import registration_checks, steadiness_checks
 from planview.foreground.steadiness import THUMBNAIL, Steadiness, Steady
@@ -100,7 +101,8 @@ def test_of_one_camera_is_checked_what_one_camera_shows(tmp_path):
     still, shaken, camera = tmp_path / "still.avi", tmp_path / "shaken.avi", tmp_path / "camera.toml"
     write_frames(still, [window(SCENE)] * 12)
     write_frames(shaken, [window(SCENE, 4 * i) for i in range(12)])
-    assert examine(still).ok and {"moving camera", "over-exposure"} <= {c.name for c in examine(still).checks}
+    fine = examine(still).checks
+    assert all(c.ok for c in fine) and {"moving camera", "over-exposure"} <= {c.name for c in fine}
     assert {c.name for c in examine(shaken).checks if not c.ok} == {"moving camera"}
     save_ground_camera(GroundCamera(160, 120, 100.0, 25.0, 0.5), camera)
     found = examine(still, OpenOptions(camera)).checks
@@ -128,12 +130,12 @@ def frame(index: int) -> Frame[Shot]:
 FRAMES = [frame(index) for index in range(60)]
 
 
-def failing(change: Callable[[F32], F32] = lambda depth: depth, late: int = 0) -> dict[str, str]:
-    """Name and note of the checks that fail when depth is changed, or late by some frames."""
+def failing(change: Callable[[F32], F32] = lambda depth: depth, late: int = 0) -> dict[str, Check]:
+    """The checks, by name, that fail when depth is changed, or late by some frames."""
     pairs = zip(FRAMES[late:], FRAMES[: len(FRAMES) - late], strict=True)
     shots = [(now, (now.image, np.ascontiguousarray(change(then.images[1])))) for now, then in pairs]
     frames = [replace(now, shots=(shot,)) for now, shot in shots]
-    return {check.name: check.note for check in registration_checks(frames[::5], frames) if not check.ok}
+    return {check.name: check for check in registration_checks(frames[::5], frames) if not check.ok}
 
 
 def scaled(depth: F32) -> F32:
@@ -158,14 +160,14 @@ def test_depth_of_its_image_passes() -> None:
     ids=["mirrored", "upside down", "turned", "to the left", "down", "another lens"],
 )
 def test_depth_that_is_not_of_its_image_is_named_with_its_figure(change: Callable[[F32], F32], named: str) -> None:
-    assert re.search(named, failing(change)["depth on its image"])
+    assert re.search(named, failing(change)["depth on its image"].note)
 
 
 @pytest.mark.parametrize("late", [1, 3])
 def test_depth_that_is_late_is_named_with_its_delay(late: int) -> None:
-    note = failing(late=late)["depth delay"]
-    assert note.startswith("depth ") and "late of its image, by movement: give each camera" in note
-    assert float(note.split()[1]) == pytest.approx(late, abs=0.3)
+    check = failing(late=late)["depth delay"]
+    assert check.note.startswith("depth late of its image, by movement: give each camera")
+    assert check.value == pytest.approx(late, abs=0.3)
 
 
 def test_images_without_edges_are_not_judged() -> None:

@@ -1,6 +1,7 @@
 """What is wrong with a recording: camera, pair, timing."""
 
 import json
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +19,7 @@ from calib.rig import Floor, StereoRig
 from calib.types import F64, U8
 from planview.api.check import verdict
 from planview.checks.check import Check, limited
-from planview.checks.examine import Diagnosis, examine, refuse_unless_ok
+from planview.checks.examine import examine, refuse_unless_ok
 from planview.checks.scene import flicker_check, floor_checks, height_check, light_checks
 from planview.checks.timing import (
     LONGEST_LAG,
@@ -297,16 +298,30 @@ def test_check_writes_the_rig_that_the_recording_corrects(tmp_path, pairs, capsy
     check(folder, frames=8)
     assert "--corrected-rig rig.toml writes the corrected calibration" in " ".join(capsys.readouterr().err.split())
     check(folder, frames=8, corrected_rig=tmp_path / "rig.toml")
-    assert "roll corrected by" in capsys.readouterr().err
+    assert f"wrote {tmp_path / 'rig.toml'}" in capsys.readouterr().err
     left = (load_rig(tmp_path / "rig.toml").right_SE3_left @ RIG.right_SE3_left.inverse()).rotvec
     assert np.degrees(np.abs(left)).max() < 0.03
-    with pytest.raises(WorkError, match="nothing to write to"):  # it needs no other correction
-        check(
-            folder,
-            frames=8,
-            calibration=tmp_path / "rig.toml",
-            corrected_rig=tmp_path / "other.toml",
-        )
+
+
+def test_corrected_rig_of_a_calibration_that_fits_is_refused_below_the_table(tmp_path, pairs, capsys):
+    folder, rig = write_toy_recording(tmp_path / "r", RIG, pairs[:8]), tmp_path / "rig.toml"
+    with pytest.raises(WorkError, match=r"rig\.toml was not written: there is nothing to correct"):
+        check(folder, frames=8, corrected_rig=rig)
+    assert "camera turn" in capsys.readouterr().out and not rig.exists()
+
+
+def test_a_value_is_shown_to_the_first_digit_of_its_deviation():
+    assert limited("turn", 0.16712, "deg", "", std=0.0052, most=0.5).number_text == "0.167 ± 0.005"
+    assert limited("lag", 12.34, "frames", "", std=15.0, most=0.5).number_text == "12 ± 15"
+    assert limited("corners", 1312.4, "", "", least=60).number_text == "1,312"
+    assert limited("turn", math.nan, "deg", "", most=0.5).number_text == ""
+
+
+def test_light_is_named_after_the_camera_that_has_it():
+    dark, bright = np.zeros((8, 8), np.uint8), np.full((8, 8), 255, np.uint8)
+    over, under = light_checks([dark], [bright])
+    assert over.note.endswith("of the right camera") and under.note.endswith("of the left camera")
+    assert not any("camera" in one.note for one in light_checks([bright]))
 
 
 def test_frames_that_are_written_twice_are_a_warning(pairs):
@@ -399,7 +414,7 @@ def test_what_is_no_recording_is_refused_or_reported(tmp_path):
     with pytest.raises(InputError, match="no such file or folder"):
         examine(tmp_path / "absent")
     diagnosis = examine(tmp_path)
-    assert isinstance(diagnosis, Diagnosis) and not diagnosis.ok and diagnosis.seen is None
+    assert diagnosis.checks[0].failed and diagnosis.seen is None
     assert "expected a recording, found an empty folder" in diagnosis.checks[0].note
 
 
@@ -409,4 +424,3 @@ def test_a_picture_over_exposed_by_a_hair_is_a_warning_and_no_refusal():
     over = next(check for check in light_checks([image]) if check.name == "over-exposure")
     assert over.value == pytest.approx(0.37, abs=0.02) and not over.ok and not over.failed
     refuse_unless_ok([over], "recording")  # --strict goes on
-    assert Diagnosis((over,)).ok

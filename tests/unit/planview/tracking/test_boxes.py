@@ -78,3 +78,16 @@ def test_boxes_are_tracked_as_well_as_by_the_trackers_package() -> None:
         found = theirs.update(supervision.Detections(xyxy=corners, confidence=rows[:, 4]))
         other |= {int(i) for i in found.tracker_id if i >= 0}
     assert len(set().union(*map(ids, track(frames)))) <= len(other)
+
+
+@pytest.mark.parametrize(
+    ("scores", "said"),
+    [
+        ((1, 1), ""),
+        ((0.2, 0.9), "; scores count as probabilities"),
+        ((3, 40), "; scores are not between 0 and 1, and are ignored"),
+    ],
+)
+def test_boxes_are_summed_up_with_their_scores_where_they_have_some(scores: tuple[float, float], said: str) -> None:
+    frames = [np.array([[10.0, 10.0, 20.0, 60.0, score]]) for score in scores]
+    assert Detections.of(frames, "a/det.txt").summary == f"2 boxes in 2 frames of det.txt{said}"
