@@ -20,18 +20,8 @@ from calib.types import AnyArray
 from planview.checks.scene import delay_of
 from planview.checks.timing import MotionWatch, thumbnails
 from stereo.depth import DEPTH_UNITS, metres
-from stereo.doctor import (
-    BESIDE,
-    COLOURS,
-    LATE,
-    LENGTHS,
-    RAW_UNITS,
-    REGISTER,
-    WHICH,
-    explain,
-    explain_colours,
-    place_of_depth,
-)
+from stereo.doctor.explain import RAW_UNITS, explain, explain_colours, place_of_depth
+from stereo.doctor.hypotheses import BESIDE, COLOURS, LATE, LENGTHS, REGISTER, WHICH
 from stereo.readers import open_any
 from stereo.recording import Decoded, DepthCamera, Pair, Recording
 from stereo.rectify import Rectifier

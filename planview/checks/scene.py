@@ -22,19 +22,9 @@ from planview.foreground.ghosts import find_blobs
 from planview.foreground.steadiness import Steadiness
 from planview.maps.grid import MapParams
 from stereo.depth import RectifiedGeometry, back_project, median_image
-from stereo.doctor import (
-    CHANGE_LEVEL,
-    LATE,
-    REGISTER,
-    SHIFT_PX_MAX,
-    UNEXPLAINED,
-    Explained,
-    explain,
-    explain_colours,
-    place_of_depth,
-    small_depths,
-    small_images,
-)
+from stereo.doctor.explain import SHIFT_PX_MAX, Explained, explain, explain_colours, place_of_depth
+from stereo.doctor.hypotheses import LATE, REGISTER, UNEXPLAINED
+from stereo.doctor.tries import CHANGE_LEVEL, small_depths, small_images
 from stereo.floor import DepthFrames, FloorSearch, PairFrames
 from stereo.matcher import SATURATED_LEVEL
 from stereo.recording import DepthCamera, Frame, Pair, Recording, Shot

@@ -28,7 +28,8 @@ from planview.checks.timing import still_checks
 from planview.engine.config import Config
 from planview.maps.grid import FloorRig, Grid, floor_in_view
 from stereo.depth import RectifiedGeometry
-from stereo.doctor import UNEXPLAINED, explain
+from stereo.doctor.explain import explain
+from stereo.doctor.hypotheses import UNEXPLAINED
 from stereo.floor import DepthFrames, FloorSearch, PairFrames, spread_frames
 from stereo.matcher import Matcher, disparity_range
 from stereo.measure import Measure, PairMeasure, SensorMeasure

@@ -13,7 +13,7 @@ from short_clip import ROOT
 import planview
 from planview.cli import main, make_app
 from planview.counting.rules import load_rules
-from stereo.doctor import HYPOTHESES
+from stereo.doctor.hypotheses import HYPOTHESES
 from tools.typed import CANNOT_RUN, PAGES, RULES, blocks, commands, words
 
 ALL = sorted(

@@ -16,7 +16,7 @@ from planview.checks.examine import examine
 from planview.engine.config import Config
 from planview.engine.engine import Engine
 from planview.engine.open import open_engine
-from stereo.doctor import explain
+from stereo.doctor.explain import explain
 from stereo.readers.open import open_any
 
 FEW = Config.model_validate({"analysis": {"setup_frames": 6}})

@@ -5,7 +5,7 @@ from toy_stereo import toy_rig
 
 from benchmarks.doctor import depth_faults, pair_faults
 from stereo.depth import Depths
-from stereo.doctor import HYPOTHESES
+from stereo.doctor.hypotheses import HYPOTHESES
 from stereo.recording import DepthCamera
 
 

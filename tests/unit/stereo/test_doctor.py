@@ -16,7 +16,8 @@ from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F32, U8, AnyArray
 from stereo.depth import Depths, metres
-from stereo.doctor import HYPOTHESES, TURNED, WHICH, explain, explain_colours
+from stereo.doctor.explain import explain, explain_colours
+from stereo.doctor.hypotheses import HYPOTHESES, TURNED, WHICH
 from stereo.recording import Decoded, DepthCamera, Frame, FrameClock, Pair, Recording, Shot
 
 Undo = Callable[[AnyArray], AnyArray]

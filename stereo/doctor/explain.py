@@ -1,0 +1,194 @@
+"""Which hypothesis explains a recording that makes no sense, and what it gives.
+
+A rule knows one fault. A hypothesis undoes one, and the result shows whether that was it: rows that agree, a floor with
+people of a person's height above it, depth whose edges are the image's. Nothing is decided here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from typing import NamedTuple, cast
+
+import cv2
+import numpy as np
+
+from calib.types import F32, U8, AnyArray
+from stereo.depth import metres
+from stereo.doctor.hypotheses import (
+    AS_RECORDED,
+    BESIDE,
+    COLOURS,
+    DEPTHS,
+    PAIRS,
+    PLACES,
+    VIEWS,
+    Hypothesis,
+    StoredDepth,
+)
+from stereo.doctor.tries import (
+    REACH_PX,
+    WIDTH,
+    FloorView,
+    PairsUnder,
+    edge_scores,
+    taken,
+    view_of,
+)
+from stereo.floor import FloorSearch
+from stereo.recording import DepthCamera, Frame, Pair, Recording, Shot
+from stereo.rectify import RectifyParams
+from stereo.rgbd import RgbdRectifier
+
+SPREAD_FRAMES, FIRST_FRAMES = 6, 2
+"""Frames looked at, spread over the recording, and those of a first look, which ends most hypotheses."""
+ALIGNED = 0.1
+"""Least share of the corners on their rows: healthy pairs have 0.35 or more, unrelated images below 0.02."""
+BETTER = 1.2
+"""A hypothesis makes corners, edges or floor fit better than they do as recorded by this factor: right ones do by 1.2
+(a lens of another size) to 100, wrong ones by 0.9 at most."""
+PLAUSIBLE = -6.0
+"""Least plausibility of a floor that explains anything: a tenth of the depth 9 m below, or people of 1.3 m or 2.1 m."""
+EDGES_MIN = 0.15
+"""Sum of the correlations of edges and of what moves from which they are judged; what belongs together has 0.5 or more
+(our choice)."""
+SHIFT_PX_MAX = 12.0
+"""Depth may lie this far from its image [px of 640]: registered depth of Kinects lies 8 px to one side, since it ends
+where the light's shadow begins."""
+RAW_UNITS = 65536.0
+"""Values per metre by which whole numbers of 16 bits are read as metres without a loss."""
+
+
+@dataclass(frozen=True)
+class Explained:
+    """The hypothesis that makes a recording fit, and what it gives."""
+
+    hypothesis: Hypothesis
+    gives: str
+
+    def __str__(self) -> str:
+        return f"if {self.hypothesis.name}, {self.gives}: {self.hypothesis.remedy}"
+
+
+def _better(tried: Iterable[tuple[Hypothesis, FloorView]], own: FloorView) -> Explained | None:
+    """The hypothesis of the most plausible view, where that is better than the view as recorded."""
+    hypothesis, view = max(tried, key=lambda one: one[1].plausible)
+    if view.floor is None or view.plausible < max(PLAUSIBLE, own.plausible + math.log(BETTER)):
+        return None
+    return Explained(hypothesis, str(view) + (f" in place of {own.floor.height_m:.2f} m" if own.floor else ""))
+
+
+def explain(recording: Recording[Pair | DepthCamera], search: FloorSearch | None = None) -> Explained | None:
+    """The hypothesis that explains a recording whose rows, floor or people are not what they should be; None where none
+    does."""
+    if isinstance(recording.head, Pair):
+        return explain_pair(cast(Recording[Pair], recording), search)
+    return explain_depth(cast(Recording[DepthCamera], recording), search)
+
+
+def explain_pair(recording: Recording[Pair], search: FloorSearch | None = None) -> Explained | None:
+    """The hypothesis under which a recording of pairs fits and does not as it is; None where there is none."""
+    search, rig = search or FloorSearch(), recording.head.rig
+    shots = [frame.images for frame in recording.sample(SPREAD_FRAMES)]
+    looks = [PairsUnder(hypothesis, rig, shots) for hypothesis in (AS_RECORDED, *PAIRS)]
+    first = [look.aligned(FIRST_FRAMES) for look in looks]
+    looks = [look for look, share in zip(looks, first, strict=True) if share >= 0.5 * max(first) or look is looks[0]]
+    shares = np.array([look.aligned(len(shots)) for look in looks])
+    if shares.max() < ALIGNED:
+        return None
+    likely = [int(k) for k in np.argsort(-shares, kind="stable") if shares[k] >= shares.max() / BETTER]
+    views = {k: view_of(looks[k].depths(), looks[k].geometry, search) for k in likely}
+    # Which way is down rows alone do not show.
+    at = max(likely, key=lambda k: views[k].plausible + math.log(shares[k]) + math.log(BETTER) * (k == 0))
+    if views[at].floor is None:
+        at = 0 if 0 in views else likely[0]
+    if at > 0:
+        rows = f"matched corners are on their rows within {looks[at].rows_px:.1f} px of 640"
+        return Explained(looks[at].hypothesis, f"{rows} and {views[at]}")
+    depths, geometry = looks[0].depths(), looks[0].geometry
+    return _better(((hypothesis, taken(hypothesis, depths, geometry, search)) for hypothesis in VIEWS), views[0])
+
+
+def explain_colours(frames: Sequence[Frame[Shot]]) -> Explained | None:
+    """Whether one camera of a pair has red where the other has blue: rows of both show about the same colours."""
+    if not frames or any(image.ndim != 3 for frame in frames for image in frame.images):
+        return None
+    rows = [[cv2.resize(image, (1, 24), interpolation=cv2.INTER_AREA) for image in frame.images] for frame in frames]
+    left, right = np.array(rows, dtype=np.float64).swapaxes(0, 1)
+    apart, opposed = (float(np.square(left - other).mean()) for other in (right, right[..., ::-1]))
+    green, other = (side[..., 1].ravel() - side[..., 1].mean() for side in (left, right))
+    # A grey level of colour is less than a camera's white balance; what is bright in one is dark in a negative.
+    if apart <= max(BETTER**2 * opposed, 1.0) or green @ other <= 0:
+        return None
+    gives = (
+        f"left and right rows differ in colour by {math.sqrt(opposed):.1f} levels in place of {math.sqrt(apart):.1f}"
+    )
+    return Explained(COLOURS, gives)
+
+
+def explain_depth(recording: Recording[DepthCamera], search: FloorSearch | None = None) -> Explained | None:
+    """The hypothesis under which depth shows a floor, or a better one than as it is; None where there is none."""
+    search, head, frames = search or FloorSearch(), recording.head, _stored_frames(recording)
+    camera, rectify = head.depth_camera or head.camera, RectifyParams(working_px=WIDTH)
+    rectifier = RgbdRectifier(head.camera, head.sensor, rectify)
+    rows, columns = np.indices(camera.size[::-1])
+    rays = camera.unproject(np.column_stack([columns.ravel(), rows.ravel()]))
+    units = head.depth_units.units_per_m if head.depth_units else 1.0
+    usual = [float(np.median(values[values > 0])) for _, values in frames if (values > 0).any()]
+    ray = np.linalg.norm(rays, axis=1).reshape(rows.shape).astype(np.float32)
+    stored = StoredDepth(units, ray, float(np.median(usual)) if usual else math.nan)
+
+    def depths(read: Callable[[AnyArray, StoredDepth], F32]) -> list[F32]:
+        metric = ((image, head.registration(np.asarray(read(values, stored), np.float32))) for image, values in frames)
+        return [rectifier(image, depth)[1] for image, depth in metric]
+
+    geometry, as_recorded = rectifier.geometry, depths(lambda values, stored: metres(values, stored.units_per_m))
+    own = view_of(as_recorded, geometry, search)
+    tried = [(h, view_of(depths(h.depth), geometry, search)) for h in DEPTHS if h.depth]
+    turned = [(h, taken(h, as_recorded, geometry, search)) for h in VIEWS if h.turns]
+    return _better([*tried, *turned], own)
+
+
+def _stored_frames(recording: Recording[DepthCamera]) -> list[tuple[U8, AnyArray]]:
+    """Images and depth as stored, of frames spread over a recording: whole numbers, or metres where they are."""
+    units, count = recording.head.depth_units, min(SPREAD_FRAMES, recording.n_frames)
+    spread = np.unique(np.linspace(0, recording.n_frames - 1, count).round())
+    assumed = units.units_per_m if units else 1.0
+    try:
+        if units:
+            units.units_per_m = RAW_UNITS
+        with closing(recording.decode([int(index) for index in spread])) as decoded:
+            found = [(a.image, b.image) for a, b in decoded if a.image is not None and b.image is not None]
+    finally:
+        if units:
+            units.units_per_m = assumed
+    if not units or any(np.nanmax(depth, initial=0.0) >= 1.0 for _, depth in found):
+        return found
+    return [(image, np.nan_to_num(depth * RAW_UNITS).round().astype(np.uint16)) for image, depth in found]
+
+
+class PlaceOfDepth(NamedTuple):
+    """Where depth lies best on its image, across and down [px of 640], NaN where there are too few edges to tell; and
+    what explains that it is not where it should be."""
+
+    shift_px: tuple[float, float] = (math.nan, math.nan)
+    found: Explained | None = None
+
+
+def place_of_depth(frames: Sequence[Frame[Shot]]) -> PlaceOfDepth:
+    """Of at least four frames spread over a recording, whose images have depth."""
+    scores = edge_scores(frames) if len(frames) >= 4 else np.zeros((1, 1, 1))
+    if scores.max() < EDGES_MIN:
+        return PlaceOfDepth()
+    peaks = scores.reshape(len(scores), -1).max(axis=1)
+    at = np.unravel_index(int(np.argmax(scores[0])), scores[0].shape)
+    down, across = ((int(place) - reach) * 640.0 / WIDTH for place, reach in zip(at, REACH_PX, strict=True))
+    found, best = None, int(np.argmax(peaks))
+    where = f"edges and people fit best {across:+.0f} px to the right, {down:+.0f} down, of 640"
+    if peaks[best] > BETTER * max(peaks[0], 0.5 * EDGES_MIN):
+        found = Explained(PLACES[best - 1], f"edges fit by {peaks[best]:.2f} in place of {peaks[0]:.2f}")
+    elif max(abs(across), abs(down)) > SHIFT_PX_MAX and peaks[0] > BETTER * scores[0][REACH_PX]:
+        found = Explained(BESIDE, where)
+    return PlaceOfDepth((across, down), found)
