@@ -20,9 +20,10 @@ from calib.types import AnyArray
 from planview.checks.scene import delay_of
 from planview.checks.timing import MotionWatch, thumbnails
 from stereo.depth import DEPTH_UNITS, metres
-from stereo.doctor.explain import RAW_UNITS, explain, explain_colours, place_of_depth
-from stereo.doctor.hypotheses import BESIDE, COLOURS, LATE, LENGTHS, REGISTER, WHICH
+from stereo.doctor.explain import RAW_UNITS, explain, explain_colours, explain_fields, place_of_depth
+from stereo.doctor.hypotheses import BESIDE, COLOURS, FIELDS, LATE, LENGTHS, REGISTER, WHICH
 from stereo.readers import open_any
+from stereo.readers.state import rectified_rig
 from stereo.recording import Decoded, DepthCamera, Pair, Recording
 from stereo.rectify import Rectifier
 
@@ -33,12 +34,18 @@ Change = Callable[[AnyArray], AnyArray]
 
 class Fault(NamedTuple):
     """What is done to a recording: to the images, or image and stored depth, of a frame, to the head, and by how many
-    frames the second camera is late."""
+    frames the second camera is late, or the second field of both cameras' images if they are woven."""
 
     name: str
     images: Callable[[AnyArray, AnyArray], tuple[AnyArray, AnyArray]] | None = None
     head: Callable[[Any], Any] | None = None
     late: int = 0
+    woven: bool = False
+
+
+def _woven(now: AnyArray, later: AnyArray) -> AnyArray:
+    """The even rows of one image and the odd ones of a later one."""
+    return np.where(np.arange(len(now)).reshape(-1, *[1] * (now.ndim - 1)) % 2, later, now)
 
 
 def _interlaced(image: AnyArray) -> AnyArray:
@@ -52,6 +59,7 @@ DONE: dict[str, Change] = {
     "turned by 90 degrees to the left": np.rot90,
     "turned by 90 degrees to the right": lambda image: np.rot90(image, -1),
     "interlaced, one field above the other": _interlaced,
+    "of half the size": lambda image: cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA),
 }
 
 
@@ -72,7 +80,7 @@ def pair_faults(rig: StereoRig) -> list[Fault]:
         own = replace(larger, left=left, right=right)
         return lambda head: replace(head, rig=replace(own, right_SE3_left=pose or rig.right_SE3_left))
 
-    pose = rig.right_SE3_left
+    pose, ideal = rig.right_SE3_left, rectified_rig(lambda: rig, rig)[0]
     inverse = SE3(pose.inverse().rotation, -pose.inverse().translation)
     sizes = {"twice": 2.0, "1.5 times": 1.5, "two thirds of": 2 / 3, "half": 0.5}
     found = [Fault(""), Fault("left and right are exchanged", lambda a, b: (b, a))]
@@ -87,6 +95,8 @@ def pair_faults(rig: StereoRig) -> list[Fault]:
             Fault(f"the baseline is in {unit}", head=calibrated(SE3(pose.rotation, pose.translation / metre)))
             for unit, metre in LENGTHS.items()
         ),
+        Fault("the images are not rectified yet", head=lambda head: replace(head, rig=ideal)),
+        Fault(FIELDS.name, late=1, woven=True),
         Fault(COLOURS.name, lambda a, b: (a, b[..., ::-1])),
         *(Fault(LATE["right camera"].name, late=n) for n in (1, 2)),
     ]
@@ -162,11 +172,13 @@ def faulty(recording: Recording[Any], fault: Fault) -> Recording[Any]:
 
     def decode(indices: Sequence[int] | None) -> Generator[tuple[Decoded, Decoded], None, None]:
         wanted = [i for i in (range(last + 1) if indices is None else indices) if i <= last]
-        for (a, now), (_, b) in zip(read(wanted), read([i + fault.late for i in wanted]), strict=True):
+        for (a, now), (later, b) in zip(read(wanted), read([i + fault.late for i in wanted]), strict=True):
             # The second camera shows at ``now`` what the first shows later.
             first, second = a.image, b.image
-            if first is None or second is None:
+            if first is None or second is None or later.image is None or now.image is None:
                 continue
+            if fault.woven:
+                first, second = _woven(first, later.image), _woven(now.image, second)
             if units is not None:
                 second = np.nan_to_num(second * RAW_UNITS).round().astype(np.uint16)
             first, second = fault.images(first, second) if fault.images else (first, second)
@@ -182,13 +194,13 @@ def named(recording: Recording[Any], consecutive: bool) -> str:
     """What the doctor names in a recording; empty where nothing."""
     spread, first = recording.sample(8), max(0, (recording.n_frames - FRAMES) // 2)
     if isinstance(recording.head, Pair):
-        found = explain_colours(spread) or explain(recording)
+        found = explain_colours(spread) or explain_fields(spread) or explain(recording)
     else:
         place = place_of_depth(spread).found
         beside = place if place and place.hypothesis.remedy == REGISTER else None  # a warning: where there is a floor
         found = (None if beside else place) or explain(recording) or beside
     if found or not consecutive:
-        return found.hypothesis.name if found else ""
+        return found.names if found else ""
     run = recording.at(list(range(first, min(first + FRAMES, recording.n_frames))))
     if isinstance(recording.head, Pair):
         watch, rectifier = MotionWatch(), Rectifier(recording.head.rig)
@@ -223,6 +235,8 @@ def doctor(*, options: DoctorOptions | None = None) -> None:
         recording = open_any(path)
         head, tally = recording.head, {"right": 0, "wrong": 0, "nothing": 0}
         faults = pair_faults(head.rig) if isinstance(head, Pair) else depth_faults(head)
+        is_grey = isinstance(head, Pair) and all(image.ndim == 2 for image in recording.sample(1)[0].images)
+        faults = [fault for fault in faults if not (is_grey and fault.name == COLOURS.name)]
         for fault in (fault for fault in faults if o.fault in fault.name):
             progress(f"{path}: {fault.name or 'as recorded'}")
             start = time.process_time()

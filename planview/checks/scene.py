@@ -22,7 +22,7 @@ from planview.foreground.ghosts import find_blobs
 from planview.foreground.steadiness import Steadiness
 from planview.maps.grid import MapParams
 from stereo.depth import RectifiedGeometry, back_project, median_image
-from stereo.doctor.explain import SHIFT_PX_MAX, Explained, explain, explain_colours, place_of_depth
+from stereo.doctor.explain import SHIFT_PX_MAX, Explained, explain, explain_colours, explain_fields, place_of_depth
 from stereo.doctor.hypotheses import LATE, REGISTER, UNEXPLAINED
 from stereo.doctor.tries import CHANGE_LEVEL, small_depths, small_images
 from stereo.floor import DepthFrames, FloorSearch, PairFrames
@@ -78,12 +78,18 @@ def image_checks(frames: Sequence[Frame[Shot]]) -> list[Check]:
         # pull disparities there. Images as recorded have 0.7 to 1.3, JPEG of quality 10 has 5 and loses the floor.
         limited("compression", blocks, "", steps, most=2.0),
         explained_check("colours", explain_colours(frames), "rows of both cameras have the same colours", warns=True),
+        fields_check(frames),
     ]
 
 
 def explained_check(name: str, found: Explained | None, note: str, *, warns: bool = False) -> Check:
     """Fails where something is explained by what should not be so."""
     return Check(name, found is None, math.nan, note=str(found or note), warns=warns)
+
+
+def fields_check(frames: Sequence[Frame[Shot]]) -> Check:
+    """Whether images of one camera, or of the left one of a pair, are woven of two fields."""
+    return explained_check("fields", explain_fields(frames), "every image is of one time", warns=True)
 
 
 def light_checks(*cameras: Sequence[U8]) -> list[Check]:

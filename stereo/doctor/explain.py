@@ -9,19 +9,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, cast
 
 import cv2
 import numpy as np
 
+from calib.images import as_grey
 from calib.types import F32, U8, AnyArray
-from stereo.depth import metres
+from stereo.depth import median_image, metres
 from stereo.doctor.hypotheses import (
     AS_RECORDED,
     BESIDE,
     COLOURS,
     DEPTHS,
+    FIELDS,
     PAIRS,
     PLACES,
     VIEWS,
@@ -29,6 +31,7 @@ from stereo.doctor.hypotheses import (
     StoredDepth,
 )
 from stereo.doctor.tries import (
+    CHANGE_LEVEL,
     REACH_PX,
     WIDTH,
     FloorView,
@@ -49,6 +52,14 @@ ALIGNED = 0.1
 BETTER = 1.2
 """A hypothesis makes corners, edges or floor fit better than they do as recorded by this factor: right ones do by 1.2
 (a lens of another size) to 100, wrong ones by 0.9 at most."""
+SURELY = 3.0
+"""And another state of a pair explains its rows and floor by this factor better than what was recorded does."""
+ROWS_WEIGHT = 10.0
+"""Corners on their rows are worth this many times as much as points on a floor of the same share: a mirrored view of a
+camera that looks straight down has a floor, and on its rows are a tenth fewer corners, of some hundred."""
+UPRIGHT_ODDS = 100.0
+"""Odds that a camera above which a level plane lies stands upright where there is one below it, too: what moves decides
+against it, not a ceiling that is larger than the floor."""
 PLAUSIBLE = -6.0
 """Least plausibility of a floor that explains anything: a tenth of the depth 9 m below, or people of 1.3 m or 2.1 m."""
 EDGES_MIN = 0.15
@@ -63,21 +74,55 @@ RAW_UNITS = 65536.0
 
 @dataclass(frozen=True)
 class Explained:
-    """The hypothesis that makes a recording fit, and what it gives."""
+    """The hypothesis that makes a recording fit, what it gives, and another one that explains it as well."""
 
     hypothesis: Hypothesis
     gives: str
+    other: Explained | None = None
 
     def __str__(self) -> str:
-        return f"if {self.hypothesis.name}, {self.gives}: {self.hypothesis.remedy}"
+        if self.other is None:
+            return f"if {self.clause}: {self.hypothesis.remedy}"
+        remedies = " or ".join(dict.fromkeys((self.hypothesis.remedy, self.other.hypothesis.remedy)))
+        return f"either if {self.clause}, or if {self.other.clause}: {remedies}"
+
+    @property
+    def clause(self) -> str:
+        """What is so, and what follows."""
+        return f"{self.hypothesis.name}, {self.gives}"
+
+    @property
+    def names(self) -> str:
+        """The hypothesis by name, or both."""
+        return " or ".join(one.hypothesis.name for one in (self, self.other) if one)
 
 
-def _better(tried: Iterable[tuple[Hypothesis, FloorView]], own: FloorView) -> Explained | None:
-    """The hypothesis of the most plausible view, where that is better than the view as recorded."""
-    hypothesis, view = max(tried, key=lambda one: one[1].plausible)
-    if view.floor is None or view.plausible < max(PLAUSIBLE, own.plausible + math.log(BETTER)):
+class _Try(NamedTuple):
+    """A hypothesis, how well it explains a recording as a logarithm, and what it gives."""
+
+    hypothesis: Hypothesis
+    score: float
+    gives: str
+
+
+def _clearly(tries: Iterable[_Try], own: float, margin: float = BETTER) -> Explained | None:
+    """The hypothesis that explains a recording best and one that does so as well, within the factor ``BETTER``; None
+    where none explains it by the factor ``margin`` better than as recorded."""
+    ranked = sorted((one for one in tries if one.score > -math.inf), key=lambda one: -one.score)
+    if not ranked or ranked[0].score < own + math.log(margin):
         return None
-    return Explained(hypothesis, str(view) + (f" in place of {own.floor.height_m:.2f} m" if own.floor else ""))
+    best, *alike = [
+        Explained(one.hypothesis, one.gives) for one in ranked[:2] if one.score > ranked[0].score - math.log(BETTER)
+    ]
+    return replace(best, other=next(iter(alike), None))
+
+
+def _by_floor(tried: Iterable[tuple[Hypothesis, FloorView]], own: FloorView) -> Explained | None:
+    """The hypothesis of the most plausible view, where that is better than the view as recorded."""
+    was = f" in place of {own.floor.height_m:.2f} m" if own.floor else ""
+    upright = math.log(UPRIGHT_ODDS) if own.floor else 0.0
+    tries = [_Try(h, v.plausible - upright * (h.turns > 0), f"{v}{was}") for h, v in tried if v.plausible >= PLAUSIBLE]
+    return _clearly(tries, own.plausible)
 
 
 def explain(recording: Recording[Pair | DepthCamera], search: FloorSearch | None = None) -> Explained | None:
@@ -98,17 +143,18 @@ def explain_pair(recording: Recording[Pair], search: FloorSearch | None = None) 
     shares = np.array([look.aligned(len(shots)) for look in looks])
     if shares.max() < ALIGNED:
         return None
+    if shares[0] >= ALIGNED:  # what lies on its rows is rectified
+        shares[[look.hypothesis.bent for look in looks]] = 0.0
     likely = [int(k) for k in np.argsort(-shares, kind="stable") if shares[k] >= shares.max() / BETTER]
     views = {k: view_of(looks[k].depths(), looks[k].geometry, search) for k in likely}
-    # Which way is down rows alone do not show.
-    at = max(likely, key=lambda k: views[k].plausible + math.log(shares[k]) + math.log(BETTER) * (k == 0))
-    if views[at].floor is None:
-        at = 0 if 0 in views else likely[0]
-    if at > 0:
-        rows = f"matched corners are on their rows within {looks[at].rows_px:.1f} px of 640"
-        return Explained(looks[at].hypothesis, f"{rows} and {views[at]}")
+    floors = any(view.floor for view in views.values())
+    scores = {k: ROWS_WEIGHT * math.log(shares[k]) + (views[k].plausible if floors else 0.0) for k in likely}
+    rows = "matched corners are on their rows within {:.1f} px of 640 and {}"
+    tries = [_Try(looks[k].hypothesis, scores[k], rows.format(looks[k].rows_px, views[k])) for k in likely if k > 0]
+    if (found := _clearly(tries, scores.get(0, -math.inf), SURELY)) or 0 not in views:
+        return found
     depths, geometry = looks[0].depths(), looks[0].geometry
-    return _better(((hypothesis, taken(hypothesis, depths, geometry, search)) for hypothesis in VIEWS), views[0])
+    return _by_floor([(hypothesis, taken(hypothesis, depths, geometry, search)) for hypothesis in VIEWS], views[0])
 
 
 def explain_colours(frames: Sequence[Frame[Shot]]) -> Explained | None:
@@ -126,6 +172,22 @@ def explain_colours(frames: Sequence[Frame[Shot]]) -> Explained | None:
         f"left and right rows differ in colour by {math.sqrt(opposed):.1f} levels in place of {math.sqrt(apart):.1f}"
     )
     return Explained(COLOURS, gives)
+
+
+def explain_fields(frames: Sequence[Frame[Shot]]) -> Explained | None:
+    """Whether images are woven of two fields: where something moves, every second row shows it elsewhere."""
+    if not frames:
+        return None
+    images = [np.asarray(as_grey(frame.image), dtype=np.float32) for frame in frames]
+    neighbours, two_apart, usual = 0.0, 0.0, median_image(images)
+    for image in images:
+        moved = np.abs(image - usual) > CHANGE_LEVEL
+        moving = moved[:-2] | moved[1:-1] | moved[2:]
+        neighbours += float(np.abs(image[1:-1] - image[:-2])[moving].sum())
+        two_apart += float(np.abs(image[2:] - image[:-2])[moving].sum())
+    if neighbours <= BETTER * two_apart or neighbours < CHANGE_LEVEL * WIDTH:
+        return None
+    return Explained(FIELDS, f"rows two apart are alike {neighbours / two_apart:.1f} times as well as neighbours")
 
 
 def explain_depth(recording: Recording[DepthCamera], search: FloorSearch | None = None) -> Explained | None:
@@ -148,7 +210,7 @@ def explain_depth(recording: Recording[DepthCamera], search: FloorSearch | None 
     own = view_of(as_recorded, geometry, search)
     tried = [(h, view_of(depths(h.depth), geometry, search)) for h in DEPTHS if h.depth]
     turned = [(h, taken(h, as_recorded, geometry, search)) for h in VIEWS if h.turns]
-    return _better([*tried, *turned], own)
+    return _by_floor([*tried, *turned], own)
 
 
 def _stored_frames(recording: Recording[DepthCamera]) -> list[tuple[U8, AnyArray]]:

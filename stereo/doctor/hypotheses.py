@@ -39,6 +39,8 @@ class Hypothesis:
         exchanged: whether left and right are to be exchanged.
         left, right: make the image of a side, once they are exchanged, what it should be.
         rig: makes the calibration of a pair what it should be.
+        bent: whether row offsets may change smoothly over the image, as lenses and turned cameras make them; only where
+            the calibration is that of rectified images.
         depth: makes (H, W) metres along the axis of (H, W) stored values.
         placed: lays depth, or a map of it, onto the image.
         baseline: factor to the baseline.
@@ -51,6 +53,7 @@ class Hypothesis:
     left: Callable[[U8], U8] = _as_it_is
     right: Callable[[U8], U8] = _as_it_is
     rig: Callable[[StereoRig], StereoRig] | None = None
+    bent: bool = False
     depth: Callable[[AnyArray, StoredDepth], F32] | None = None
     placed: Callable[[F32], F32] = _as_it_is
     baseline: float = 1.0
@@ -66,6 +69,10 @@ def _woven(image: U8) -> U8:
     """The rows of the upper and the lower half in turn."""
     half = len(image) // 2
     return np.stack([image[:half], image[half : 2 * half]], axis=1).reshape(2 * half, *image.shape[1:])
+
+
+def _twice_as_large(image: U8) -> U8:
+    return np.asarray(cv2.resize(image, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
 
 
 def _of_images(scale: float) -> Callable[[StereoRig], StereoRig]:
@@ -129,6 +136,7 @@ TURNED: dict[str, Callable[[AnyArray], AnyArray]] = {
     "turned by 90 degrees to the left": lambda image: np.rot90(image, -1),
     "turned by 90 degrees to the right": np.rot90,
     "interlaced, one field above the other": _woven,
+    "of half the size": _twice_as_large,
 }
 """What may have been done to images, and what undoes it."""
 WHICH = (
@@ -157,6 +165,7 @@ PAIRS = (
     ),
     Hypothesis("the images of one camera are negative", BACK, right=lambda image: 255 - image),
     Hypothesis("the images are rectified already", "give the calibration of the rectified images", rig=_rectified),
+    Hypothesis("the images are not rectified yet", "give the calibration of the images as they are", bent=True),
     Hypothesis("the pose of the right camera is inverted", "store right_SE3_left, not left_SE3_right", rig=_inverted),
     *(
         Hypothesis(f"the calibration is that of images {what} the size", SCALED, rig=_of_images(scale))
@@ -166,6 +175,8 @@ PAIRS = (
 """Of the images and the calibration of a pair: rows show them."""
 COLOURS = Hypothesis("red and blue are exchanged in the images of one camera", "exchange its channels")
 """Of colours, which both cameras see alike."""
+FIELDS = Hypothesis("each image is woven of two fields of different times", "deinterlace it (ffmpeg -vf yadif)")
+"""Of what moves, which has combed edges."""
 VIEWS = (
     *(Hypothesis(f"the baseline is in {unit}", "give it in metres", baseline=m) for unit, m in LENGTHS.items()),
     Hypothesis("the camera hangs upside down", UPRIGHT, turns=2),
@@ -198,5 +209,5 @@ LATE = {
     "depth": Hypothesis("depth and its image are not of one time", TIMES),
 }
 """Of time: what moves, moves in both at once."""
-HYPOTHESES = (*PAIRS, COLOURS, *VIEWS, *DEPTHS, *PLACES, BESIDE, *LATE.values())
+HYPOTHESES = (*PAIRS, COLOURS, FIELDS, *VIEWS, *DEPTHS, *PLACES, BESIDE, *LATE.values())
 UNEXPLAINED = f"none of {len(HYPOTHESES)} causes that were tried explains it"

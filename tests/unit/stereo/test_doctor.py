@@ -13,11 +13,13 @@ from toy_stereo import ToyWorld, toy_rig, walking
 
 from calib.camera import Camera
 from calib.pose import SE3
-from calib.rig import StereoRig
+from calib.rig import Floor, StereoRig
 from calib.types import F32, U8, AnyArray
 from stereo.depth import Depths, metres
-from stereo.doctor.explain import explain, explain_colours
-from stereo.doctor.hypotheses import HYPOTHESES, TURNED, WHICH
+from stereo.doctor.explain import _by_floor, _clearly, _Try, explain, explain_colours, explain_fields
+from stereo.doctor.hypotheses import HYPOTHESES, PAIRS, TURNED, VIEWS, WHICH
+from stereo.doctor.tries import FloorView
+from stereo.readers.state import rectified_rig
 from stereo.recording import Decoded, DepthCamera, Frame, FrameClock, Pair, Recording, Shot
 
 Undo = Callable[[AnyArray], AnyArray]
@@ -63,13 +65,14 @@ DONE: dict[str, Undo] = {
     "turned by 90 degrees to the left": np.rot90,
     "turned by 90 degrees to the right": lambda image: np.rot90(image, -1),
     "interlaced, one field above the other": interlaced,
+    "of half the size": lambda image: image[::2, ::2],
 }
 
 
 @pytest.mark.parametrize("what", TURNED)
 def test_what_was_done_to_an_image_is_undone(what: str) -> None:
     image = np.arange(24, dtype=np.uint8).reshape(4, 6)
-    np.testing.assert_array_equal(TURNED[what](DONE[what](image)), image)
+    np.testing.assert_allclose(TURNED[what](DONE[what](image)), image, atol=7 if "size" in what else 0)
 
 
 def test_every_hypothesis_stands_in_the_page_on_troubleshooting() -> None:
@@ -95,10 +98,11 @@ def test_names_are_unique_and_every_hypothesis_says_what_to_do() -> None:
         (lambda a, b: (np.rot90(a, 2), np.rot90(b, 2)), "the images of both cameras are turned by 180 degrees"),
         (lambda a, b: (np.fliplr(b), np.fliplr(a)), "the images of both cameras are exchanged and mirrored"),
         (lambda a, b: (a, interlaced(b)), "the right images are interlaced, one field above the other"),
+        (lambda a, b: (a, b[::2, ::2]), "the right images are of half the size"),
         (lambda a, b: (255 - a, b), "the images of one camera are negative"),
         (lambda a, b: (a, np.random.default_rng(int(b[0, 0])).integers(0, 255, b.shape, np.uint8)), ""),
     ],
-    ids=["right", "exchanged", "mirrored", "turned", "upside down", "both", "interlaced", "negative", "noise"],
+    ids=["right", "exchanged", "mirrored", "turned", "upside down", "both", "interlaced", "half", "negative", "noise"],
 )  # fmt: skip
 def test_fault_of_images_is_named(fault: Callable[[U8, U8], tuple[U8, U8]], name: str) -> None:
     assert named(recorded(fault)) == name
@@ -124,8 +128,9 @@ def claimed(turned: bool = False, baseline: float = 1.0, scale: float = 1.0) -> 
         (claimed(turned=True), "the pose of the right camera is inverted"),
         (claimed(baseline=100.0), "the baseline is in centimetres"),
         (claimed(scale=2.0), "the calibration is that of images twice the size"),
+        (rectified_rig(rig, rig())[0], "the images are not rectified yet"),
     ],
-    ids=["pose", "baseline", "size"],
+    ids=["pose", "baseline", "size", "raw"],
 )
 def test_fault_of_the_calibration_is_named(rig: StereoRig, name: str) -> None:
     assert named(recorded(lambda a, b: (a, b), rig)) == name
@@ -137,6 +142,38 @@ def test_red_and_blue_that_are_exchanged_in_one_camera_are_named() -> None:
     found = explain_colours([frame])
     assert found is not None and str(found).startswith("if red and blue are exchanged in the images of one camera")
     assert explain_colours([replace(frame, shots=((rows, rows),))]) is None
+
+
+def seen(share: float, height_m: float, plausible: float) -> FloorView:
+    return FloorView(Floor(SE3(np.eye(3), np.array([0.0, 0.0, height_m])), inlier_fraction=share), plausible)
+
+
+UPSIDE_DOWN = next(hypothesis for hypothesis in VIEWS if hypothesis.turns == 2)
+
+
+def test_a_ceiling_as_large_as_the_floor_does_not_turn_the_camera() -> None:
+    assert _by_floor([(UPSIDE_DOWN, seen(0.4, 2.5, -0.9))], seen(0.4, 0.94, -2.8)) is None
+    assert _by_floor([(UPSIDE_DOWN, seen(0.4, 2.5, -0.9))], FloorView()) is not None
+
+
+def test_two_hypotheses_that_explain_as_much_are_both_named() -> None:
+    tries = [_Try(PAIRS[0], -1.0, "rows agree"), _Try(PAIRS[1], -1.1, "rows agree"), _Try(PAIRS[2], -9.0, "")]
+    found = f"either if {PAIRS[0].name}, rows agree, or if {PAIRS[1].name}, rows agree"
+    assert str(_clearly(tries, -5.0)) == f"{found}: {PAIRS[0].remedy} or {PAIRS[1].remedy}"
+    assert _clearly(tries, -1.1) is None
+
+
+def test_images_woven_of_two_fields_are_named_where_something_moves() -> None:
+    images = [np.full((80, 100), 40, np.uint8) for _ in range(6)]
+    for i, image in enumerate(images):
+        image[20:60, 5 + 15 * i : 15 + 15 * i] = 200
+    woven = [now.copy() for now in images[:-1]]
+    for image, later in zip(woven, images[1:], strict=True):
+        image[1::2] = later[1::2]
+    frames, whole = ([Frame[Shot](i, 0.1 * i, ((one,),)) for i, one in enumerate(each)] for each in (woven, images))
+    found = explain_fields(frames)
+    assert found is not None and found.hypothesis.name == "each image is woven of two fields of different times"
+    assert explain_fields(whole) is None
 
 
 RAY: F32 = np.linalg.norm(
