@@ -54,8 +54,8 @@ class FloorParams(Params):
     """Lowest camera: below it people are taller than the view."""
     max_height_m: float = Field(default=12.0, gt=0, le=100)
     """Highest camera: beyond it a person covers a few disparities at most."""
-    max_tilt_deg: float = Field(default=95.0, gt=0, lt=120)
-    """Flattest view of a floor: 90 degrees for a level camera (a little more for one that looks up)."""
+    max_tilt_deg: float = Field(default=105.0, gt=0, lt=120)
+    """Flattest view of a floor: 90 degrees for a level camera, more for one that looks up."""
     min_tilt_deg: float = Field(default=-12.0, gt=-90, le=0)
     """An overhead camera may lean backwards by this much; beyond it the plane is a wall in front of a camera
     that hardly sees its floor."""

@@ -253,3 +253,13 @@ def test_floor_of_a_level_camera_is_found_though_it_is_a_strip_and_the_ceiling_i
     assert 0.02 < float(np.mean((room.world[:, 2] * room.depth)[measured] < -0.99)) < 0.12
     floor = found(room.clouds(people=people))
     assert floor.height_m == pytest.approx(1.0, abs=0.05) and floor.tilt_rad == pytest.approx(math.pi / 2, abs=0.03)
+
+
+@pytest.mark.parametrize("tilt_deg", [96.0, 99.0])
+def test_floor_of_a_camera_that_looks_up_is_found_below_a_larger_ceiling(tilt_deg: float) -> None:
+    shown = room(pose_of(tilt_deg, 1.0), (FLOOR, 0.0), (FLOOR, 2.6), (WALL, 7.0))
+    z = (shown.world[:, 2] * shown.depth)[np.isfinite(shown.depth)]
+    assert 0.08 < float(np.mean(z < -0.99)) < 0.17 < 0.28 < float(np.mean(z > 1.59))
+    floor = found(shown.clouds(6, people=False), moved=PERSON)
+    assert floor.height_m == pytest.approx(1.0, abs=0.03)
+    assert math.degrees(floor.tilt_rad) == pytest.approx(tilt_deg, abs=0.5)
