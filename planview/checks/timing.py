@@ -45,6 +45,9 @@ MIN_TAIL = 48
 """Frames from which on a lag is searched in the last part of the time alone."""
 MAX_REPEATED = 0.1
 """Share of pairs that repeat the one before while people move: a tenth spoils every velocity."""
+JUMPED = 1.5
+"""Images that stood still go on with this many times the movement of the frame before: people walked on meanwhile, and
+who stood starts slowly."""
 MAX_LAG = 0.5
 """Cameras may be apart by half a frame: at 15 fps a walker moves 4 cm in that time, which is 1 px at 4 m."""
 
@@ -106,8 +109,9 @@ class MotionWatch:
         self._last: Thumbnails | None = None
         self._bands: deque[F64] = deque(maxlen=FRAMES_MAX)
         self._active = self._frozen = self._stall = self._longest = self._repeated = 0
-        self._still_for = self._calm_for = 0
-        self._stall_s = math.nan
+        self._still_for, self._calm_for, self._moved_share = math.inf, 0, 0.0
+        self._stall_s = self._still_s = math.nan
+        self._is_copy = False
         self._behind = self._bands_since = 0
 
     def update(self, pair: Thumbnails, timestamp_s: float = 0.0) -> None:
@@ -119,7 +123,8 @@ class MotionWatch:
             return
         both = list(zip(before, pair, strict=True))
         moved = [np.asarray(cv2.absdiff(a, b) > MOVED_LEVEL, dtype=np.bool_) for a, b in both]
-        active = max(float(m.mean()) for m in moved[: 1 + is_pair]) >= ACTIVE_SHARE
+        moved_share = max(float(m.mean()) for m in moved[: 1 + is_pair])
+        active = moved_share >= ACTIVE_SHARE
         same = [bool((a == b).all() and a.any()) for a, b in both]  # without any depth nothing stands still
         # A camera that stands still repeats its image to the last bit; one in which nobody moves has noise.
         frozen = active and any(same)
@@ -130,19 +135,28 @@ class MotionWatch:
             self._behind, self._bands_since = self._behind + same[1] - same[0], 0
         self._stall_s = timestamp_s if self._stall <= 1 else self._stall_s
         if self._stall > self._longest:
-            self._longest = self._stall
             which = self._sides[0 if same[0] else 1]
-            self._standing = f": the {which} stands still from {self._stall_s:.1f} to {timestamp_s:.1f} s"
-        # Copies of a pair between moving ones; a scene in which nothing moves may repeat for hours.
-        if not all(same):
-            self._repeated += self._still_for if active and self._still_for in (1, 2) else 0
-        self._still_for = self._still_for + 1 if all(same) else 0 if active else 3
+            self._name_stall(self._stall, f"the {which} stands", self._stall_s, timestamp_s)
+        if all(same) if is_pair else same[0]:
+            self._still_for += 1
+            self._still_s, self._is_copy = timestamp_s if self._still_for == 1 else self._still_s, all(same)
+        else:
+            # Copies of a pair between moving ones; a scene in which nothing moves may repeat for hours.
+            self._repeated += int(self._still_for) if active and self._is_copy and self._still_for in (1, 2) else 0
+            jumped = active and moved_share > JUMPED * self._moved_share
+            if jumped and max(2, self._longest) < self._still_for < math.inf:
+                who = f"the {self._sides[0]}{f' and the {self._sides[1]} stand' if self._is_copy else ' stands'}"
+                self._name_stall(int(self._still_for), who, self._still_s, timestamp_s)
+            self._still_for, self._moved_share = 0 if active else math.inf, moved_share
         self._calm_for = 0 if active else self._calm_for + 1
         if is_pair and self._calm_for <= LONGEST_LAG:
             # The root of the share of pixels that changed, so that near walkers do not drown far ones.
             rows = moved[0].shape[0] // BANDS * BANDS
             self._bands.append(np.stack([np.sqrt(m[:rows].reshape(BANDS, -1).mean(axis=1)) for m in moved]))
             self._bands_since += 1
+
+    def _name_stall(self, frames: int, who: str, from_s: float, to_s: float) -> None:
+        self._longest, self._standing = frames, f": {who} still from {from_s:.1f} to {to_s:.1f} s"
 
     def checks(self) -> list[Check]:
         """Cameras that do not move together in time, by all pairs so far; NaN where too little moves."""
@@ -152,7 +166,7 @@ class MotionWatch:
         alone = f"share of frames in which the {first} or the {second} alone stands still"
         longest_one, copies = f"longest such time{self._standing}", "share of pairs that repeat the one before"
         return [
-            limited("frozen camera", self._frozen / active, "", alone + self._standing, most=0.1),
+            limited("frozen camera", self._frozen / active, "", alone + self._standing * (self._frozen > 0), most=0.1),
             # Half a second at 15 Hz [frames]; what both cameras show moves in both.
             limited("stalled camera", longest, "frames", longest_one, most=8, warns=True),
             limited("repeated pairs", self.repeated, "", copies, most=MAX_REPEATED),
