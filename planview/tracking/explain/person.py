@@ -99,6 +99,8 @@ class Person:
         inside: share of the body inside the image.
         patches: of the body in view in the last frame.
         head_in_view: whether the top of the head was inside of an image in the last frame.
+        height_patches: over which the head has been in view while unconfirmed.
+        upright_density: mean density of the heights there as those of anybody upright [1/m].
         proven: log-odds of existence from independent evidence, see ``count_evidence``.
         counted: by the camera's place in the rig (H, W) uint8, 1 where a pixel has been evidence; empty before the
             first frame, and when confirmed.
@@ -137,6 +139,8 @@ class Person:
     inside: float = 1.0
     patches: float = 0.0
     head_in_view: bool = False
+    height_patches: float = 0.0
+    upright_density: float = 0.0
     proven: float = BORN_LOG_ODDS
     counted: dict[int, U8] = field(default_factory=dict)
 
@@ -270,6 +274,14 @@ class Person:
         share_new = min(new_patches / max(self.patches, 1.0), 1.0)
         self.proven += share_new * max(self.evidence, 0.0)
         self.likeness += share_new * self.shape
+
+    def count_height(self, low_share: float) -> None:
+        """Add the height to those that tell a person from a thing, by how much shows: one frame's may be of somebody
+        else who shows behind a thing."""
+        upright = body.stature(self.height_m, HEIGHT_MEAN_M, HEIGHT_STD_M, low_share) - low_share / HEIGHT_MEAN_M
+        patches = self.share * self.known * self.patches
+        self.height_patches += patches
+        self.upright_density += (upright - self.upright_density) * patches / max(self.height_patches, TINY)
 
     def learn_height(self, fresh: float, low_share: float) -> None:
         """Learn the height when upright from the present height, as far as the person is upright now."""

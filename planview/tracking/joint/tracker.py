@@ -117,6 +117,8 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             self._weigh(person, dt, body.LEAVE_S if person.inside < INSIDE else self.params.stay_s)
             if visible:
                 self._note_movement(person, alone=len(others) == 0)
+            if visible and person.head_in_view and not person.confirmed:
+                person.count_height(self.params.low_share)
             kind: DecisionKind = "matched" if visible else "lost"
             reason = f"evidence {person.evidence:.1f}, visible {person.share:.2f}, existence {person.existence:.3f}"
             if len(others):
@@ -208,12 +210,11 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         return 1.0 / (1.0 + math.exp(-min(person.log_odds, person.proven, self._personhood(person))))
 
     def _personhood(self, person: Person) -> float:
-        """Log-odds of a person against a thing, by shape and own movement, and by height as far as the head is in view:
-        elsewhere the height is the prior."""
+        """Log-odds of a person against a thing, by shape and own movement, and by height as far as the head has been in
+        view: elsewhere the height is the prior."""
         shape = math.log(2.0) - float(np.logaddexp(0.0, -person.likeness))  # half of all things are of any shape
-        if not person.head_in_view:
+        if person.height_patches == 0.0:
             return person.moved + shape + math.log((1 - body.THING_SHARE) / body.THING_SHARE)
         low = self.params.low_share / body.HEIGHT_MEAN_M
-        upright = body.stature(person.height_m, body.HEIGHT_MEAN_M, body.HEIGHT_STD_M, self.params.low_share) - low
-        density = (upright + LOW_WALKERS * low) * math.exp(person.moved) + (1 - LOW_WALKERS) * low
+        density = (person.upright_density + LOW_WALKERS * low) * math.exp(person.moved) + (1 - LOW_WALKERS) * low
         return shape + math.log((1 - body.THING_SHARE) * density / (body.THING_SHARE / body.HEIGHT_MEAN_M))

@@ -34,6 +34,21 @@ def test_a_newcomer_who_may_be_nobody_claims_no_identity_before_one_who_is_repor
     assert (sure.track_id, sure.confirmed, ghost.track_id, ghost.confirmed) == (1, True, 3, False)
 
 
+def test_one_tall_frame_does_not_make_a_person_of_a_low_thing() -> None:
+    def seen(*heights_m: float) -> Person:
+        person = newcomer(-1, 0.0, 0.5, 8.0)
+        person.moved, person.share, person.patches = 0.0, 0.5, 20.0
+        for person.height_m in heights_m:
+            person.count_height(0.1)
+        return person
+
+    tall, stood_up, mostly_low = seen(1.7), seen(0.9, 1.7), seen(*[0.9] * 8, 1.7)
+    assert stood_up.upright_density == pytest.approx(0.5 * tall.upright_density)
+    claims = [JointTracker()._confidence(person) for person in (tall, stood_up, mostly_low)]
+    assert claims == sorted(claims, reverse=True)
+    assert claims[1] > JointTracker().params.report > claims[2]
+
+
 def test_who_walks_out_is_expected_ahead_or_back_in_the_door_and_not_behind() -> None:
     # After 0.7 s a walker has gone on for 0.7 s (1 - 1/e), at 1 m/s 0.44 m.
     walker = newcomer(1, 0.0, 0.0, 3.0)
