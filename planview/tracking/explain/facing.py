@@ -9,19 +9,22 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.types import F64
-from planview.tracking.body import FACINGS
+from planview.tracking.body import FACINGS, TURNING_RAD2_PS
 
 DIRECTIONS_RAD = np.arange(FACINGS) * (2.0 * math.pi / FACINGS)
 """Middles of the sectors of a belief, counterclockwise from x [rad]."""
 SECTOR_VAR = (2.0 * math.pi / FACINGS) ** 2 / 12.0
 """Variance of a direction within its sector [rad^2]."""
 TURNED_RAD2_PS = 4.0
-"""Variance of the turn within a second that a belief allows for [rad^2/s]: people who stop turn by up to half a turn,
-and a belief that excludes it stays wrong."""
+"""Variance of the turn within a second of somebody who stands [rad^2/s]: who stops turns by up to half a turn, and a
+belief that excludes it stays wrong. Walkers turn as slowly as bodies do (``body.TURNING_RAD2_PS``)."""
 OTHER_SHAPE = 0.1
 """Share of observations whose silhouette says nothing of the axis: arms, bags, neighbours (our choice)."""
 OTHER_WAY = 0.02
 """Share of a walk that goes sideways or backwards (our choice)."""
+STEP_FRESH = 0.5
+"""How independent the ways of going are next to silhouettes: a step back or aside takes half a second, twice as long as
+errors of a silhouette stay the same (``PeopleParams.errors_s``)."""
 
 
 class FacingBelief(NamedTuple):
@@ -41,10 +44,15 @@ class FacingBelief(NamedTuple):
         """Any direction is as likely as any other."""
         return FacingBelief(np.full(FACINGS, 1.0 / FACINGS))
 
-    def predicted(self, dt_s: float) -> FacingBelief:
-        """After dt in which the body turned at random: the heat kernel on the circle."""
+    def predicted(self, dt_s: float, still: float) -> FacingBelief:
+        """After dt in which the body turned at random: the heat kernel on the circle.
+
+        Args:
+            still: how surely the person stands, 0 to 1.
+        """
         harmonics = np.arange(FACINGS // 2 + 1)
-        decay = np.exp(-0.5 * TURNED_RAD2_PS * dt_s * harmonics**2)
+        turned = (1.0 - still) * TURNING_RAD2_PS + still * TURNED_RAD2_PS
+        decay = np.exp(-0.5 * turned * dt_s * harmonics**2)
         share = np.maximum(np.fft.irfft(np.fft.rfft(self.share) * decay, FACINGS), 0.0)
         return FacingBelief(share / share.sum())
 
@@ -59,7 +67,7 @@ class FacingBelief(NamedTuple):
         likely = np.exp(log_ratios - log_ratios.max())
         shape = np.tile((1.0 - OTHER_SHAPE) * likely + OTHER_SHAPE * likely.mean(), 2)
         ahead = np.exp(-2.0 * walk * np.sin(0.5 * (DIRECTIONS_RAD - heading)) ** 2)
-        share = self.share * (shape * (ahead + OTHER_WAY)) ** fresh
+        share = self.share * (shape * (ahead + OTHER_WAY) ** STEP_FRESH) ** fresh
         return FacingBelief(share / share.sum())
 
     @property

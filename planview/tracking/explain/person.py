@@ -181,11 +181,17 @@ class Person:
         return math.sqrt(place_var + self.shared_m**2 + HEAD_STD_M**2 + bent_m**2)
 
     @property
+    def still(self) -> float:
+        """How surely the person stands or strolls, whatever the facing, rather than walks ahead: 0 to below 1."""
+        k = self.kalman
+        spread = body.STROLL_MPS**2 + float(k.covariance[2, 2] + k.covariance[3, 3])
+        return spread / (spread + max(k.vx_mps**2 + k.vy_mps**2, 1e-6))
+
+    @property
     def prior(self) -> Known:
         """What is known of the pose before a frame."""
-        k, back = self.kalman, 1.0 - self.facings.near(self.facing)[1]
-        spread = body.STROLL_MPS**2 + float(k.covariance[2, 2] + k.covariance[3, 3])
-        walk = 1.0 / (body.SIDEWARD_RAD**2 + spread / max(k.vx_mps**2 + k.vy_mps**2, 1e-6))
+        k, back, still = self.kalman, 1.0 - self.facings.near(self.facing)[1], self.still
+        walk = 1.0 / (body.SIDEWARD_RAD**2 + still / (1.0 - still))
         heading = math.atan2(k.vy_mps, k.vx_mps)
         return Known(*k.information, 1.0 / self.height_var, 1.0 / self.facing_var, back, walk, heading)
 
@@ -200,7 +206,7 @@ class Person:
 
     def predict_facing(self, dt: float) -> None:
         """Where a person faces and leans is known less surely after dt [s]."""
-        self.facings = self.facings.predicted(dt)
+        self.facings = self.facings.predicted(dt, self.still)
         self.facing_var = min(self.facing_var + body.TURNING_RAD2_PS * dt, ANY_FACING)
         self.lean_var = min(self.lean_var + LEANING_M2_PS * dt, LEAN_STD_M**2)
 

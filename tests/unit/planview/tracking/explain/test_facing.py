@@ -11,7 +11,7 @@ ALONG_X = -20.0 * np.sin(DIRECTIONS_RAD[: body.FACINGS // 2]) ** 2
 def standing(belief: FacingBelief, frames: int, axis: np.ndarray = ALONG_X) -> FacingBelief:
     """After frames at 10 per second in which somebody who does not walk is seen."""
     for _ in range(frames):
-        belief = belief.predicted(0.1).seen(axis, 0.4, 0.0, 0.0)
+        belief = belief.predicted(0.1, 1.0).seen(axis, 0.4, 0.0, 0.0)
     return belief
 
 
@@ -19,7 +19,7 @@ def walked() -> FacingBelief:
     """After walking along x for a second."""
     belief = FacingBelief.unknown()
     for _ in range(10):
-        belief = belief.predicted(0.1).seen(ALONG_X, 0.4, 4.0, 0.0)
+        belief = belief.predicted(0.1, 0.0).seen(ALONG_X, 0.4, 4.0, 0.0)
     return belief
 
 
@@ -35,14 +35,22 @@ def test_walking_shows_which_end_is_ahead():
 
 
 def test_front_and_back_are_less_sure_the_longer_somebody_is_not_seen():
-    sure = [walked().predicted(seconds).best[1] for seconds in (0.0, 0.3, 0.6, 10.0)]
+    sure = [walked().predicted(seconds, 1.0).best[1] for seconds in (0.0, 0.3, 0.6, 10.0)]
     assert sure == sorted(sure, reverse=True) and sure[-1] == pytest.approx(0.5, abs=1e-3)
 
 
 def test_a_direction_spreads_by_the_variance_of_turns():
-    known = FacingBelief(np.eye(body.FACINGS)[0]).predicted(0.25)
-    resultant = known.share @ np.cos(DIRECTIONS_RAD)
-    assert resultant == pytest.approx(np.exp(-0.5 * TURNED_RAD2_PS * 0.25), abs=0.01)
+    for still, variance in ((1.0, TURNED_RAD2_PS), (0.0, body.TURNING_RAD2_PS)):
+        known = FacingBelief(np.eye(body.FACINGS)[0]).predicted(0.25, still)
+        resultant = known.share @ np.cos(DIRECTIONS_RAD)
+        assert resultant == pytest.approx(np.exp(-0.5 * variance * 0.25), abs=0.01)
+
+
+def test_a_step_back_does_not_turn_somebody_round():
+    stepped = walked()
+    for _ in range(5):  # half a second at half a metre per second: a concentration of one
+        stepped = stepped.predicted(0.1, 0.5).seen(ALONG_X, 0.4, 1.0, np.pi)
+    assert stepped.best[0] == pytest.approx(0.0, abs=0.1) and stepped.best[1] > 0.8
 
 
 def test_a_turn_costs_certainty_that_standing_still_does_not():
