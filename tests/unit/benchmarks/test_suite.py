@@ -1,6 +1,7 @@
 """The challenge suite, and scores of real recordings."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,7 +10,15 @@ import pytest
 
 from benchmarks.passes import Pass, together
 from benchmarks.random_scenes.generator import SUITE, random_scene
-from benchmarks.real import WALKER_PATH, recordings_with_truth, score_pets, score_real, spread, truth_of
+from benchmarks.real import (
+    WALKER_PATH,
+    ahead_of_heads,
+    recordings_with_truth,
+    score_pets,
+    score_real,
+    spread,
+    truth_of,
+)
 from benchmarks.suite import SuiteJob, SuiteOptions, chosen_files, run_job, suite
 from calib.errors import InputError
 from planview.engine.config import Config, load_config
@@ -85,6 +94,16 @@ def test_doubtful_people_are_neither_asked_for_nor_wrong_and_only_judged_frames_
     assert score == {"right_number": 0.75, "ids": 2, "people": 1, "judged": 3, "positions": 5}
     score = score_real(table((0, 7, 0.0, 1), (5, 9, 3.0, 1)), table((0, 1, 0.0, 1)), np.array([0]))
     assert (score["right_number"], score["ids"]) == (1.0, 1)
+
+
+def test_places_ahead_of_heads_are_told_from_a_camera_that_is_registered_beside() -> None:
+    frame = np.arange(40)
+    walks = [(k, who, way * k / 10 - way * 2.0, 1.0) for k in frame for who, way in ((1, 1.0), (2, -1.0))]
+    truth = table(*walks)
+    # Five centimetres ahead of whoever walks there at 1 m/s, and two to the right of both.
+    found = replace(truth, x_m=truth.x_m + np.where(truth.track_id == 1, 0.05, -0.05) + 0.02)
+    assert ahead_of_heads(found, truth, 0.1) == pytest.approx((5.0, 5.0, 5.0))
+    assert np.isnan(ahead_of_heads(truth, table(*((k, 1, 0.0, 1.0) for k in frame)), 0.1)).all()
 
 
 def test_walkers_path_has_a_second_person_to_the_right_once_both_stand(tmp_path: Path) -> None:
