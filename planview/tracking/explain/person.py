@@ -40,8 +40,9 @@ PRIOR_FRAMES = 2.0
 """Weight of anybody's colours next to those seen [frames]."""
 COLOURED_FRAMES_MIN = 5
 """Frames from which on colours distinguish people."""
-COLOURS_S = 1.0
-"""A newcomer's colours have been seen after this time, or cannot be soon: of somebody next to others [s]."""
+SHOWS_S = 1.0
+"""A newcomer's colours and head have been seen after this time, or cannot be soon: of somebody next to others [s]. The
+heads of 26 rendered walkers came into view within 0.8 s of their feet."""
 RATIO_MAX = 20.0
 """Largest ratio of a person's colours to anybody's."""
 BORN_LOG_ODDS = -3.9
@@ -244,10 +245,12 @@ class Person:
         """Height when upright and its deviation in one frame [m]."""
         return self.tall_m, math.hypot(math.sqrt(self.tall_var), GAIT_M)
 
-    def shows_more_after(self, now_s: float) -> bool:
-        """Whether more will show of somebody who it is: the colours soon, or more than half of the body or the head."""
-        cut_off = not self.head_in_view and self.inside < 0.5
-        return self.coloured_frames < COLOURED_FRAMES_MIN and (cut_off or now_s - self.born_s < COLOURS_S)
+    def shows_more_after(self, now_s: float, coloured: bool) -> bool:
+        """Whether more will show of somebody who it is: the head or, where images are ``coloured``, the colours soon,
+        or more than half of the body or the head."""
+        soon, cut_off = now_s - self.born_s < SHOWS_S, not self.head_in_view and self.inside < 0.5
+        colours = self.coloured_frames < COLOURED_FRAMES_MIN and (cut_off or (soon and coloured))
+        return colours or (soon and not self.head_in_view)
 
     @property
     def standing(self) -> tuple[bool, float, int]:
@@ -407,7 +410,8 @@ def owned_colours(k: int, owned: Sequence[Owned]) -> tuple[F64, float]:
 def continued(
     born: Sequence[P], known: Sequence[P], everybody: Sequence[P], floor_m2: float, low_share: float
 ) -> dict[int, tuple[P, float]]:
-    """Newcomers, by index, who may have been seen before, with the log-odds: the best joint assignment.
+    """Newcomers, by index, who may have been seen before, with the log-odds: the best joint assignment, and of the rest
+    those who would be likely to be somebody known if they turned out to be as tall.
 
     Args:
         everybody: seen so far, in whose clothes strangers come.
@@ -416,10 +420,23 @@ def continued(
     """
     from scipy.optimize import linear_sum_assignment  # half a second
 
+    if not known:
+        return {}
     odds = np.array([[_log_odds(q, b, everybody, floor_m2, low_share) for q in known] for b in born])
-    odds = odds.reshape(len(born), -1)
     rows, cols = linear_sum_assignment(np.maximum(odds, 0.0), maximize=True)
-    return {int(i): (known[j], float(odds[i, j])) for i, j in zip(rows, cols, strict=True) if odds[i, j] > 0.0}
+    found = {int(i): (known[j], float(odds[i, j])) for i, j in zip(rows, cols, strict=True) if odds[i, j] > 0.0}
+    for i, b in enumerate(born):
+        at_most = odds[i] + [0.0 if b.head_in_view else _own_height(q, low_share) for q in known]
+        best = int(np.argmax(at_most))
+        if at_most[best] > 0.0:
+            found.setdefault(i, (known[best], float(odds[i, best])))
+    return found
+
+
+def _own_height(q: Person, low_share: float) -> float:
+    """Log-odds that a known person's own height, once it is measured of a newcomer, adds to those of being that
+    person: much for somebody very tall or short, and little for somebody as tall as most."""
+    return body.same_height(q.tall_m, body.HEIGHT_STD_M, q.tall_m, q.upright[1], low_share)
 
 
 def _log_odds(q: Person, b: Person, everybody: Sequence[Person], floor_m2: float, low_share: float) -> float:

@@ -194,7 +194,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         for newcomer, before, odds in self._known(sure, p.floor_m2):  # before those who may be nobody
             if odds > KNOWN_LOG_ODDS:
                 self._continue(newcomer, before, odds)
-            elif newcomer.shows_more_after(self._life.now_s if coloured else math.inf):
+            elif newcomer.shows_more_after(self._life.now_s, coloured):
                 in_doubt.append(newcomer)
         for q in sure:
             if not q.confirmed and q not in in_doubt:

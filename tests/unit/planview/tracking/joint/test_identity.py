@@ -93,6 +93,19 @@ def test_of_whom_the_head_is_out_of_view_is_nobodys_height_and_no_stranger():
     assert legs.confirmed and legs.track_id == 1
 
 
+@pytest.mark.parametrize(("tall_m", "confirmed"), [(1.9, False), (1.7, True)])
+def test_before_the_head_shows_nobody_is_a_stranger_who_may_be_as_tall_as_somebody_who_left(tall_m, confirmed) -> None:
+    gone, feet = newcomer(7, 0.0, 0.0, 8.0), newcomer(-1, 1.8, 2.0, 8.0)
+    gone.tall_m, gone.tall_var, feet.inside = tall_m, 0.02**2, 0.9
+    feet.coloured_frames = 5  # clothes that say nothing
+    assert -1.0 < _log_odds(gone, feet, [], 20.0, 0.1) < -0.5  # a height of 1.9 m adds 1.0, one of 1.7 m 0.4
+    tracker = recognising([gone], [feet], 2.5)
+    assert feet.confirmed == confirmed
+    feet.height_m, feet.head_in_view = 1.7, True
+    tracker._recognise(coloured=True)
+    assert feet.confirmed and gone in tracker._departed
+
+
 @pytest.mark.parametrize(("head_in_view", "std_m"), [(True, 0.02), (False, 0.2)])
 def test_a_place_is_known_to_half_a_step_while_the_head_is_out_of_view(head_in_view, std_m):
     tracker, person = JointTracker(), newcomer(1, 0.0, 0.0, 4.0)
