@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -75,6 +75,13 @@ def checked(table: type[_Table], **values: Any) -> _Table:
         return table(**values)
     except ValidationError as error:
         raise InputError(first_problem(error)) from error
+
+
+def one_of(argument: str, value: object, choices: Iterable[str]) -> None:
+    """Raises InputError: a value of an argument that is none of its choices."""
+    names = tuple(choices)
+    if value not in names:
+        raise InputError(f"expected one of {', '.join(names)}, found {value!r}", argument=argument)
 
 
 def in_range(argument: str, value: float, least: float, most: float, unit: str = "") -> None:

@@ -7,19 +7,20 @@ import socket
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Generic, Literal, NamedTuple, TypeVar
+from typing import Generic, Literal, NamedTuple, TypeVar, get_args
 
 from rich.console import Console
 from rich.progress import Progress
 
 from calib.board.detect import MARKER_SHARES, MAX_SQUARE_M, MIN_SQUARE_M, Board, dictionaries
 from calib.board.solve import BoardCalibration
+from calib.camera import LensModel
 from calib.errors import InputError, WorkError
 from calib.formats import WRITTEN, calibration_files, load_rig, write_rig
 from calib.io import parse_length, parse_size
 from calib.rig import StereoRig
 from calib.world import save_rigs
-from planview.api.arguments import Settings, in_range, path_of, settings
+from planview.api.arguments import Settings, in_range, one_of, path_of, settings
 from planview.calibration.align import RigAlignment, align_records, record_rig, relative_to, rig_entries
 from planview.calibration.board import BoardRequest, calibrate_images, write_report
 from planview.output.progress import PlainConsole
@@ -127,6 +128,7 @@ def board(
         InputError: images that cannot be read, or a board that is described wrongly.
         WorkError: too few images show the board.
     """
+    one_of("model", model, ("auto", *get_args(LensModel)))
     square_m, file = parse_square(str(square)), Path(out)
     request = BoardRequest(
         parse_board(board, square_m, marker, dictionary),
@@ -192,8 +194,7 @@ def parse_board(text: str | None, square_m: float, marker: str | None, dictionar
         names = dictionaries()
         chosen = dictionary or next(iter(names))
         chosen = chosen if chosen.startswith("DICT_") else f"DICT_{chosen}"
-        if chosen not in names:
-            raise InputError(f"expected one of {', '.join(names)}, found {dictionary!r}", argument="dictionary")
+        one_of("dictionary", chosen, names)
         return Board(cols - 1, rows - 1, square_m, chosen, marker_m)
     except ValueError as error:
         raise InputError(str(error), argument="board") from error

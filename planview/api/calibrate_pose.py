@@ -22,7 +22,7 @@ from calib.people.samples import HumanSample, check_samples, read_image_size, re
 from calib.rig import Floor
 from calib.types import F64, U8
 from calib.world import load_world, save_world
-from planview.api.arguments import Settings, in_range, path_of, settings
+from planview.api.arguments import Settings, in_range, one_of, path_of, settings
 from planview.api.calibrate_pair import Calibrated
 from planview.calibration.floor import AXIS_COLOUR, GRID_COLOUR, FloorDepths, draw_grid, floor_from_tracks
 from planview.calibration.people import COMPUTED, collect_samples, crowd, draw_person, draw_samples, floor_around
@@ -208,8 +208,8 @@ def human(
         InputError: samples or a video that cannot be read, or values that exclude each other.
         WorkError: too few people were found, or the camera is not known well enough.
     """
-    if lens is not None and lens not in LENS_K_320:
-        raise InputError(f"expected one of {', '.join(LENS_K_320)}, found {lens!r}", argument="lens")
+    if lens is not None:
+        one_of("lens", lens, LENS_K_320)
     try:
         known = KnownValues(focal, field, camera_height, person_height)
     except ValueError as error:

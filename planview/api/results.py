@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast, get_args
 
 import numpy as np
 from rich.console import RenderableType
@@ -14,7 +14,7 @@ from rich.progress import track
 from rich.table import Table
 
 from calib.errors import InputError, WorkError
-from planview.api.arguments import Frames, frame_span, in_range, path_of, table_of
+from planview.api.arguments import Frames, frame_span, in_range, one_of, path_of, table_of
 from planview.output.plot import PANELS, NamedTracks, Panel, figure_of, floor_picture, save_figure
 from planview.output.progress import PlainConsole, as_text
 from planview.output.report.page import differing_settings, write_report
@@ -108,14 +108,18 @@ def plot(
     """
     if not runs:
         raise InputError("plot needs the folder of a run")
+    panels: Sequence[Panel] = (cast(Panel, what),) if isinstance(what, str) else what
+    one_of("colour", colour, get_args(Colouring))
+    for panel in panels:
+        one_of("what", panel, get_args(Panel))
     short = [_name(run, n) for n, run in enumerate(runs, 1)]
     names = short if len(set(short)) == len(short) else [str(run) for run in runs]
     tables = [load_tracks(tracks_file(Path(run))) if isinstance(run, Path | str) else table_of(run) for run in runs]
     tracks = [NamedTracks(name, table) for name, table in zip(names, tables, strict=True)]
     known = None if truth is None else load_truth(truth_file(Path(truth)) or Path(truth))
     folder = RunFolder.around(tracks_file(Path(runs[0]))) if isinstance(runs[0], Path | str) else None
-    floor = floor_picture(folder) if folder is not None and len(runs) == 1 and what else None
-    figure = figure_of(tracks, known, colour, what or PANELS, floor)
+    floor = floor_picture(folder) if folder is not None and len(runs) == 1 and panels else None
+    figure = figure_of(tracks, known, colour, panels or PANELS, floor)
     if path := plot_file(*runs, out=path_of(out)):
         save_figure(figure, path)
     return figure

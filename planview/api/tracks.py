@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from calib.errors import InputError
 from calib.io import read_text
-from planview.api.arguments import opening, path_of, table_of
+from planview.api.arguments import one_of, opening, path_of, table_of
 from planview.offline.refine import Refined
 from planview.output.finished import EditedRun, edit_run, refine_run, undo_edits
 from planview.output.run_folder import RunFolder
 from planview.trajectories.file import TrajectoryFile, limited, region_of
 from planview.trajectories.formats import FORMATS, ExportName, load_file, prepared, tracks_file, write_file
-from planview.trajectories.layouts import stream_jsonl
+from planview.trajectories.layouts import METRES, stream_jsonl
 from planview.trajectories.table import Trajectories, people_of
 
 if TYPE_CHECKING:
@@ -191,6 +191,8 @@ def export(
         return Exported(Path(cloud), write_cloud(Path(cloud), scene_of(source, opening(calibration))))
     if to is None or cloud is not None:
         raise InputError(f"expected a format ({', '.join(FORMATS)}), or a file for the cloud of a run", argument="to")
+    one_of("to", to, FORMATS)
+    one_of("unit", unit, METRES)
     if fps is not None and not 0 < fps <= 10_000:
         raise InputError(f"expected a rate above 0, found {fps:g}", argument="fps")
     file = tracks_file(source) if source is not None else None

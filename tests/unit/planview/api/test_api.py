@@ -2,6 +2,7 @@
 
 import inspect
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +46,21 @@ def test_frames_are_the_first_or_from_one_to_another(
 
 def test_arguments_at_the_beginning_of_a_sentence_are_shown_as_options() -> None:
     assert typed(InputError("image_size=: expected WxH")) == "--image-size: expected WxH"
+
+
+@pytest.mark.parametrize(
+    ("call", "argument"),
+    [
+        (lambda: planview.export("out", "xlsx"), "to"),
+        (lambda: planview.export("out", "pedpy", unit="mm"), "unit"),
+        (lambda: planview.plot("out", what="heat"), "what"),
+        (lambda: planview.plot("out", colour="red"), "colour"),
+        (lambda: planview.calibrate.board("photos", "2cm", model="pinhole"), "model"),
+    ],
+)
+def test_a_choice_that_there_is_not_is_refused_with_those_there_are(call: Callable[[], object], argument: str) -> None:
+    with pytest.raises(InputError, match=f"^{argument}=: expected one of .*, found '"):
+        call()
 
 
 def test_two_videos_without_calibration_say_how_to_get_one(tmp_path: Path, refused) -> None:
