@@ -49,7 +49,15 @@ class InputError(_OneLineError):
 
 
 class WorkError(_OneLineError):
-    """The input was acceptable but the work could not be done, e.g. no floor is visible (exit status 1)."""
+    """The input was acceptable but the work could not be done, e.g. no floor is visible (exit status 1).
+
+    Attributes:
+        in_pictures: whether pictures of the recording, with its depth and rows, show why.
+    """
+
+    def __init__(self, message: str, *, in_pictures: bool = False) -> None:
+        super().__init__(message)
+        self.in_pictures = in_pictures
 
 
 def _one_line(text: str) -> str:

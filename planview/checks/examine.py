@@ -28,7 +28,7 @@ from planview.checks.scene import (
     camera_height,
     elsewhere_check,
     explanation_checks,
-    fields_check,
+    fields_checks,
     flicker_check,
     given_floor_check,
     grey_level,
@@ -213,7 +213,7 @@ def _run_of(
 def _image_checks(spread: Sequence[Any], run: Sequence[Any]) -> list[Check]:
     """Copies and light of images that are no pair."""
     light = light_checks([frame.image for frame in spread])
-    return [repeated_check([frame.image for frame in run]), *light, fields_check(spread)]
+    return [repeated_check([frame.image for frame in run]), *light, *fields_checks(spread)]
 
 
 def _video_of_one(path: Path, options: OpenOptions) -> tuple[Recording[OneCamera], GroundCamera | None] | None:

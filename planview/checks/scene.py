@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -23,7 +22,7 @@ from planview.foreground.steadiness import Steadiness
 from planview.maps.grid import MapParams
 from stereo.depth import RectifiedGeometry, back_project, median_image
 from stereo.doctor.explain import SHIFT_PX_MAX, Explained, explain, explain_colours, explain_fields, place_of_depth
-from stereo.doctor.hypotheses import LATE, REGISTER, UNEXPLAINED
+from stereo.doctor.hypotheses import REGISTER, UNEXPLAINED
 from stereo.doctor.tries import CHANGE_LEVEL, small_depths, small_images
 from stereo.floor import DepthFrames, FloorSearch, PairFrames
 from stereo.matcher import SATURATED_LEVEL
@@ -78,7 +77,7 @@ def image_checks(frames: Sequence[Frame[Shot]]) -> list[Check]:
         # pull disparities there. Images as recorded have 0.7 to 1.3, JPEG of quality 10 has 5 and loses the floor.
         limited("compression", blocks, "", steps, most=2.0),
         explained_check("colours", explain_colours(frames), "rows of both cameras have the same colours", warns=True),
-        fields_check(frames),
+        *fields_checks(frames),
     ]
 
 
@@ -87,9 +86,10 @@ def explained_check(name: str, found: Explained | None, note: str, *, warns: boo
     return Check(name, found is None, math.nan, note=str(found or note), warns=warns)
 
 
-def fields_check(frames: Sequence[Frame[Shot]]) -> Check:
-    """Whether images of one camera, or of the left one of a pair, are woven of two fields."""
-    return explained_check("fields", explain_fields(frames), "every image is of one time", warns=True)
+def fields_checks(frames: Sequence[Frame[Shot]]) -> list[Check]:
+    """A warning where the images of one camera, or of the left one of a pair, are woven of two fields."""
+    found = explain_fields(frames)
+    return [explained_check("fields", found, "", warns=True)] if found else []
 
 
 def light_checks(*cameras: Sequence[U8]) -> list[Check]:
@@ -359,8 +359,7 @@ def registration_checks(spread: Sequence[Frame[Shot]], run: Sequence[Frame[Shot]
     else:
         place = limited(name, max(abs(across), abs(down)), "px", note, most=SHIFT_PX_MAX, warns=True)
     lag = delay_of(run) if place.ok or place.warns else Lag()
-    delay = lag.check("depth delay", "depth", " of its image", apart=lag.apart)
-    return [place, delay if delay.ok else replace(delay, note=f"{delay.note}: {LATE['depth'].remedy}")]
+    return [place, lag.check("depth delay", "depth", " of its image", apart=lag.apart)]
 
 
 def run_checks(recording: Recording[Any]) -> list[Check]:

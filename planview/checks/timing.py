@@ -15,6 +15,8 @@ from calib.times import rate_of_times
 from calib.types import F32, F64, U8
 from planview.checks.check import Check, limited
 from stereo.depth import Depth
+from stereo.doctor.explain import Explained
+from stereo.doctor.hypotheses import LATE
 from stereo.floor import DepthFrames, PairFrames
 from stereo.recording import Frame, Recording, Shot
 
@@ -97,6 +99,7 @@ class Lag(NamedTuple):
         which = "ahead" if self.frames < 0 else "late"
         known = f"{what} {which}{against}" if math.isfinite(self.frames) else f"offset of the {what}"
         note = f"{known}, by movement"
+        note = str(Explained(LATE[what], note)) if apart else note
         return Check(name, not apart, abs(self.frames), "frames", MAX_LAG, "at most", note, std=self.std)
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from calib.errors import InputError
+from calib.errors import InputError, WorkError
 from planview.api import run as api
 from planview.api.arguments import settings
 from planview.api.results import render
@@ -63,6 +63,12 @@ def run(call: Call) -> None:
         way = f"choose another folder, or add {'--resume or ' * cause.resumable}--overwrite"
         again = "--overwrite instead of --resume starts again"
         raise InputError(f"{cause}; {again if call['resume'] else way}") from error
+    except WorkError as error:
+        if not error.in_pictures:
+            raise
+        raise WorkError(
+            f"{error}; planview check {recording} --out pictures draws its rows, depth and floor"
+        ) from error
     info, console = RunFolder(out).info, PlainConsole(stderr=True, quiet=call["quiet"])
     summary(console, info, out)
     if info.counts:

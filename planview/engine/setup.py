@@ -98,7 +98,7 @@ def _explained(
     reasons = [check.sentence for check in checks if check.failed]
     if not reasons:
         reasons.append(str(explain(recording, search) or UNEXPLAINED))
-    return WorkError(f"{recording.path}: {'; '.join([*reasons, str(error)])}")
+    return WorkError(f"{recording.path}: {'; '.join([*reasons, str(error)])}", in_pictures=True)
 
 
 def _set_up_depth(recording: Recording[Pair | DepthCamera], seen: DepthFrames, config: Config, pose_file: str) -> Setup:

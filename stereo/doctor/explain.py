@@ -57,9 +57,11 @@ SURELY = 3.0
 ROWS_WEIGHT = 10.0
 """Corners on their rows are worth this many times as much as points on a floor of the same share: a mirrored view of a
 camera that looks straight down has a floor, and on its rows are a tenth fewer corners, of some hundred."""
-UPRIGHT_ODDS = 100.0
-"""Odds that a camera above which a level plane lies stands upright where there is one below it, too: what moves decides
-against it, not a ceiling that is larger than the floor."""
+TURNED_ODDS = 100.0
+"""Odds against a camera, or images, that are upside down where a plane alone says so: it may be a ceiling or a wall,
+and people who stand on it decide."""
+NO_FLOOR = -6.0
+"""Plausibility of a view without a floor: a camera may show none, but rarely does."""
 PLAUSIBLE = -6.0
 """Least plausibility of a floor that explains anything: a tenth of the depth 9 m below, or people of 1.3 m or 2.1 m."""
 EDGES_MIN = 0.15
@@ -98,18 +100,20 @@ class Explained:
 
 
 class _Try(NamedTuple):
-    """A hypothesis, how well it explains a recording as a logarithm, and what it gives."""
+    """A hypothesis, how well it explains a recording as a logarithm, what it gives, and by which factor it must explain
+    more than the recording as it is does."""
 
     hypothesis: Hypothesis
     score: float
     gives: str
+    margin: float = BETTER
 
 
-def _clearly(tries: Iterable[_Try], own: float, margin: float = BETTER) -> Explained | None:
+def _clearly(tries: Iterable[_Try], own: float) -> Explained | None:
     """The hypothesis that explains a recording best and one that does so as well, within the factor ``BETTER``; None
-    where none explains it by the factor ``margin`` better than as recorded."""
+    where the best does not explain as much more than the recording as it is, of the score ``own``, as it must."""
     ranked = sorted((one for one in tries if one.score > -math.inf), key=lambda one: -one.score)
-    if not ranked or ranked[0].score < own + math.log(margin):
+    if not ranked or ranked[0].score < own + math.log(ranked[0].margin):
         return None
     best, *alike = [
         Explained(one.hypothesis, one.gives) for one in ranked[:2] if one.score > ranked[0].score - math.log(BETTER)
@@ -120,9 +124,12 @@ def _clearly(tries: Iterable[_Try], own: float, margin: float = BETTER) -> Expla
 def _by_floor(tried: Iterable[tuple[Hypothesis, FloorView]], own: FloorView) -> Explained | None:
     """The hypothesis of the most plausible view, where that is better than the view as recorded."""
     was = f" in place of {own.floor.height_m:.2f} m" if own.floor else ""
-    upright = math.log(UPRIGHT_ODDS) if own.floor else 0.0
-    tries = [_Try(h, v.plausible - upright * (h.turns > 0), f"{v}{was}") for h, v in tried if v.plausible >= PLAUSIBLE]
-    return _clearly(tries, own.plausible)
+    tries = [
+        _Try(hypothesis, view.plausible, f"{view}{was}", TURNED_ODDS if hypothesis.turns else BETTER)
+        for hypothesis, view in tried
+        if view.plausible >= PLAUSIBLE
+    ]
+    return _clearly(tries, max(own.plausible, NO_FLOOR))
 
 
 def explain(recording: Recording[Pair | DepthCamera], search: FloorSearch | None = None) -> Explained | None:
@@ -149,9 +156,12 @@ def explain_pair(recording: Recording[Pair], search: FloorSearch | None = None) 
     views = {k: view_of(looks[k].depths(), looks[k].geometry, search) for k in likely}
     floors = any(view.floor for view in views.values())
     scores = {k: ROWS_WEIGHT * math.log(shares[k]) + (views[k].plausible if floors else 0.0) for k in likely}
+    own, margin = scores.get(0, -math.inf), SURELY
+    if 0 in views and views[0].floor is None and floors:  # rows are as good as recorded: the floor alone speaks
+        own, margin = ROWS_WEIGHT * math.log(shares[0]) + NO_FLOOR, TURNED_ODDS
     rows = "matched corners are on their rows within {:.1f} px of 640 and {}"
-    tries = [_Try(looks[k].hypothesis, scores[k], rows.format(looks[k].rows_px, views[k])) for k in likely if k > 0]
-    if (found := _clearly(tries, scores.get(0, -math.inf), SURELY)) or 0 not in views:
+    tries = [_Try(looks[k].hypothesis, scores[k], rows.format(looks[k].rows_px, views[k]), margin) for k in likely if k]
+    if (found := _clearly(tries, own)) or 0 not in views:
         return found
     depths, geometry = looks[0].depths(), looks[0].geometry
     return _by_floor([(hypothesis, taken(hypothesis, depths, geometry, search)) for hypothesis in VIEWS], views[0])

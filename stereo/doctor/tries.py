@@ -37,6 +37,8 @@ CAMERA_M, CAMERA_SPREAD = 2.5, 0.5
 PERSON_M, PERSON_STD_M, PERSON_STDS_MAX = 1.7, 0.15, 5.0
 """Height of the taller of what moves, mostly adults, its deviation with that of the measurement [m], and the deviations
 above which it is no longer evidence against a floor: what moves may be a door."""
+PEOPLE = 8.0
+"""How much likelier something of that height is above a right floor than above another, where any up to 3 m are."""
 REACH_PX = (16, 32)
 """Shifts of depth on its image searched down and across, each way [px of WIDTH]: a tenth of the image (our choice)."""
 CHANGE_LEVEL = 20.0
@@ -70,7 +72,7 @@ def view_of(depths: Sequence[F32], geometry: RectifiedGeometry, search: FloorSea
     plausible = math.log(max(floor.inlier_fraction, 1e-6)) - 0.5 * off**2
     if moved:
         tall_m = float(np.percentile([np.percentile(points[:, 2], 95) for points in moved], 75))
-        plausible -= 0.5 * min(abs(tall_m - PERSON_M) / PERSON_STD_M, PERSON_STDS_MAX) ** 2
+        plausible += math.log(PEOPLE) - 0.5 * min(abs(tall_m - PERSON_M) / PERSON_STD_M, PERSON_STDS_MAX) ** 2
     return FloorView(floor, plausible)
 
 

@@ -72,7 +72,8 @@ def compressed(image: U8) -> U8:
 )
 def test_images_without_a_floor_are_a_failure_told_in_one_sentence(refused, pairs, tmp_path, images, named):
     recording = write_toy_recording(tmp_path / "recording", toy_rig(), images(pairs))
-    assert named in refused("run", recording, "--out", tmp_path / "out", "--set", FEW, status=1)
+    sentence = refused("run", recording, "--out", tmp_path / "out", "--set", FEW, status=1)
+    assert named in sentence and "--out pictures draws its rows, depth and floor" in sentence
     assert not (tmp_path / "out").exists()
 
 

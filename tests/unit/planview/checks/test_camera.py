@@ -166,7 +166,9 @@ def test_depth_that_is_not_of_its_image_is_named_with_its_figure(change: Callabl
 @pytest.mark.parametrize("late", [1, 3])
 def test_depth_that_is_late_is_named_with_its_delay(late: int) -> None:
     check = failing(late=late)["depth delay"]
-    assert check.note.startswith("depth late of its image, by movement: give each camera")
+    assert check.note.startswith(
+        "if depth and its image are not of one time, depth late of its image, by movement: give"
+    )
     assert check.value == pytest.approx(late, abs=0.3)
 
 

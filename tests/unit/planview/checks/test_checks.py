@@ -34,6 +34,7 @@ from planview.checks.timing import (
 )
 from planview.cli import main
 from planview.commands.check import check
+from stereo.doctor.hypotheses import LATE
 
 FRAMES = 60
 
@@ -106,7 +107,7 @@ def test_images_that_are_late_are_reported_with_their_lag(sides, late):
     found = watched(left[late:], right[:-late]) if late > 0 else watched(left[:late], right[-late:])
     lag = found["synchronisation"]
     assert not lag.ok and lag.value == pytest.approx(abs(late), abs=0.3)
-    assert lag.note.endswith("late, by movement" if late > 0 else "ahead, by movement")
+    assert f"right camera {'late' if late > 0 else 'ahead'}, by movement: {LATE['right camera'].remedy}" in lag.note
 
 
 def test_camera_that_stalls_once_is_reported_by_the_length_of_the_stall(sides: tuple[list[U8], list[U8]]) -> None:
@@ -128,7 +129,7 @@ def test_picture_written_twice_leaves_its_camera_behind(sides: tuple[list[U8], l
     both[side] = both[side][:15] + both[side][14:-1]
     found = watched(*both)
     assert round(found["synchronisation"].value) == 1 and "synchronisation" in failing(found)
-    assert found["synchronisation"].note.endswith("late, by movement" if side else "ahead, by movement")
+    assert f"right camera {'late' if side else 'ahead'}, by movement" in found["synchronisation"].note
 
 
 def test_every_second_frame_that_is_darker_is_a_warning() -> None:
