@@ -18,28 +18,9 @@ import numpy as np
 from calib.images import as_grey
 from calib.types import F32, U8, AnyArray
 from stereo.depth import median_image, metres
-from stereo.doctor.hypotheses import (
-    AS_RECORDED,
-    BESIDE,
-    COLOURS,
-    DEPTHS,
-    FIELDS,
-    PAIRS,
-    PLACES,
-    VIEWS,
-    Hypothesis,
-    StoredDepth,
-)
-from stereo.doctor.tries import (
-    CHANGE_LEVEL,
-    REACH_PX,
-    WIDTH,
-    FloorView,
-    PairsUnder,
-    edge_scores,
-    taken,
-    view_of,
-)
+from stereo.doctor import hypotheses, tries
+from stereo.doctor.hypotheses import Hypothesis, StoredDepth
+from stereo.doctor.tries import WIDTH, FloorView, taken, view_of
 from stereo.floor import FloorSearch
 from stereo.recording import DepthCamera, Frame, Pair, Recording, Shot
 from stereo.rectify import RectifyParams
@@ -109,10 +90,10 @@ class _Try(NamedTuple):
     margin: float = BETTER
 
 
-def _clearly(tries: Iterable[_Try], own: float) -> Explained | None:
+def _clearly(found: Iterable[_Try], own: float) -> Explained | None:
     """The hypothesis that explains a recording best and one that does so as well, within the factor ``BETTER``; None
     where the best does not explain as much more than the recording as it is, of the score ``own``, as it must."""
-    ranked = sorted((one for one in tries if one.score > -math.inf), key=lambda one: -one.score)
+    ranked = sorted((one for one in found if one.score > -math.inf), key=lambda one: -one.score)
     if not ranked or ranked[0].score < own + math.log(ranked[0].margin):
         return None
     best, *alike = [
@@ -124,12 +105,12 @@ def _clearly(tries: Iterable[_Try], own: float) -> Explained | None:
 def _by_floor(tried: Iterable[tuple[Hypothesis, FloorView]], own: FloorView) -> Explained | None:
     """The hypothesis of the most plausible view, where that is better than the view as recorded."""
     was = f" in place of {own.floor.height_m:.2f} m" if own.floor else ""
-    tries = [
+    explained = [
         _Try(hypothesis, view.plausible, f"{view}{was}", TURNED_ODDS if hypothesis.turns else BETTER)
         for hypothesis, view in tried
         if view.plausible >= PLAUSIBLE
     ]
-    return _clearly(tries, max(own.plausible, NO_FLOOR))
+    return _clearly(explained, max(own.plausible, NO_FLOOR))
 
 
 def explain(recording: Recording[Pair | DepthCamera], search: FloorSearch | None = None) -> Explained | None:
@@ -144,7 +125,7 @@ def explain_pair(recording: Recording[Pair], search: FloorSearch | None = None) 
     """The hypothesis under which a recording of pairs fits and does not as it is; None where there is none."""
     search, rig = search or FloorSearch(), recording.head.rig
     shots = [frame.images for frame in recording.sample(SPREAD_FRAMES)]
-    looks = [PairsUnder(hypothesis, rig, shots) for hypothesis in (AS_RECORDED, *PAIRS)]
+    looks = [tries.PairsUnder(hypothesis, rig, shots) for hypothesis in (hypotheses.AS_RECORDED, *hypotheses.PAIRS)]
     first = [look.aligned(FIRST_FRAMES) for look in looks]
     looks = [look for look, share in zip(looks, first, strict=True) if share >= 0.5 * max(first) or look is looks[0]]
     shares = np.array([look.aligned(len(shots)) for look in looks])
@@ -160,11 +141,15 @@ def explain_pair(recording: Recording[Pair], search: FloorSearch | None = None) 
     if 0 in views and views[0].floor is None and floors:  # rows are as good as recorded: the floor alone speaks
         own, margin = ROWS_WEIGHT * math.log(shares[0]) + NO_FLOOR, TURNED_ODDS
     rows = "matched corners are on their rows within {:.1f} px of 640 and {}"
-    tries = [_Try(looks[k].hypothesis, scores[k], rows.format(looks[k].rows_px, views[k]), margin) for k in likely if k]
-    if (found := _clearly(tries, own)) or 0 not in views:
+    explained = [
+        _Try(looks[k].hypothesis, scores[k], rows.format(looks[k].rows_px, views[k]), margin) for k in likely if k
+    ]
+    if (found := _clearly(explained, own)) or 0 not in views:
         return found
     depths, geometry = looks[0].depths(), looks[0].geometry
-    return _by_floor([(hypothesis, taken(hypothesis, depths, geometry, search)) for hypothesis in VIEWS], views[0])
+    return _by_floor(
+        [(hypothesis, taken(hypothesis, depths, geometry, search)) for hypothesis in hypotheses.VIEWS], views[0]
+    )
 
 
 def explain_colours(frames: Sequence[Frame[Shot]]) -> Explained | None:
@@ -181,7 +166,7 @@ def explain_colours(frames: Sequence[Frame[Shot]]) -> Explained | None:
     gives = (
         f"left and right rows differ in colour by {math.sqrt(opposed):.1f} levels in place of {math.sqrt(apart):.1f}"
     )
-    return Explained(COLOURS, gives)
+    return Explained(hypotheses.COLOURS, gives)
 
 
 def explain_fields(frames: Sequence[Frame[Shot]]) -> Explained | None:
@@ -191,13 +176,15 @@ def explain_fields(frames: Sequence[Frame[Shot]]) -> Explained | None:
     images = [np.asarray(as_grey(frame.image), dtype=np.float32) for frame in frames]
     neighbours, two_apart, usual = 0.0, 0.0, median_image(images)
     for image in images:
-        moved = np.abs(image - usual) > CHANGE_LEVEL
+        moved = np.abs(image - usual) > tries.CHANGE_LEVEL
         moving = moved[:-2] | moved[1:-1] | moved[2:]
         neighbours += float(np.abs(image[1:-1] - image[:-2])[moving].sum())
         two_apart += float(np.abs(image[2:] - image[:-2])[moving].sum())
-    if neighbours <= BETTER * two_apart or neighbours < CHANGE_LEVEL * WIDTH:
+    if neighbours <= BETTER * two_apart or neighbours < tries.CHANGE_LEVEL * WIDTH:
         return None
-    return Explained(FIELDS, f"rows two apart are alike {neighbours / two_apart:.1f} times as well as neighbours")
+    return Explained(
+        hypotheses.FIELDS, f"rows two apart are alike {neighbours / two_apart:.1f} times as well as neighbours"
+    )
 
 
 def explain_depth(recording: Recording[DepthCamera], search: FloorSearch | None = None) -> Explained | None:
@@ -218,8 +205,8 @@ def explain_depth(recording: Recording[DepthCamera], search: FloorSearch | None 
 
     geometry, as_recorded = rectifier.geometry, depths(lambda values, stored: metres(values, stored.units_per_m))
     own = view_of(as_recorded, geometry, search)
-    tried = [(h, view_of(depths(h.depth), geometry, search)) for h in DEPTHS if h.depth]
-    turned = [(h, taken(h, as_recorded, geometry, search)) for h in VIEWS if h.turns]
+    tried = [(h, view_of(depths(h.depth), geometry, search)) for h in hypotheses.DEPTHS if h.depth]
+    turned = [(h, taken(h, as_recorded, geometry, search)) for h in hypotheses.VIEWS if h.turns]
     return _by_floor([*tried, *turned], own)
 
 
@@ -251,16 +238,16 @@ class PlaceOfDepth(NamedTuple):
 
 def place_of_depth(frames: Sequence[Frame[Shot]]) -> PlaceOfDepth:
     """Of at least four frames spread over a recording, whose images have depth."""
-    scores = edge_scores(frames) if len(frames) >= 4 else np.zeros((1, 1, 1))
+    scores = tries.edge_scores(frames) if len(frames) >= 4 else np.zeros((1, 1, 1))
     if scores.max() < EDGES_MIN:
         return PlaceOfDepth()
     peaks = scores.reshape(len(scores), -1).max(axis=1)
     at = np.unravel_index(int(np.argmax(scores[0])), scores[0].shape)
-    down, across = ((int(place) - reach) * 640.0 / WIDTH for place, reach in zip(at, REACH_PX, strict=True))
+    down, across = ((int(place) - reach) * 640.0 / WIDTH for place, reach in zip(at, tries.REACH_PX, strict=True))
     found, best = None, int(np.argmax(peaks))
     where = f"edges and people fit best {across:+.0f} px to the right, {down:+.0f} down, of 640"
     if peaks[best] > BETTER * max(peaks[0], 0.5 * EDGES_MIN):
-        found = Explained(PLACES[best - 1], f"edges fit by {peaks[best]:.2f} in place of {peaks[0]:.2f}")
-    elif max(abs(across), abs(down)) > SHIFT_PX_MAX and peaks[0] > BETTER * scores[0][REACH_PX]:
-        found = Explained(BESIDE, where)
+        found = Explained(hypotheses.PLACES[best - 1], f"edges fit by {peaks[best]:.2f} in place of {peaks[0]:.2f}")
+    elif max(abs(across), abs(down)) > SHIFT_PX_MAX and peaks[0] > BETTER * scores[0][tries.REACH_PX]:
+        found = Explained(hypotheses.BESIDE, where)
     return PlaceOfDepth((across, down), found)

@@ -72,13 +72,13 @@ def test_cameras_that_both_stand_still_while_people_walk_are_named_with_since_wh
     paused = [*range(20), *[20] * 20, *range(40, FRAMES)]
     found = watched(*([side[n] for n in paused] for side in sides))["stalled camera"]
     assert not found.ok and found.value == 19
-    assert found.note == "longest: the left camera and the right camera stand still from 2.1 to 4.0 s"
+    assert "the left camera and the right camera stand still from 2.1 to 4.0 s" in found.note
 
 
 def test_an_image_that_stands_still_while_its_depth_does_not_is_named(sides: tuple[list[U8], list[U8]]) -> None:
     images, depths = ([sides[0][n] for n in [*range(20), *[20] * 20, *range(40, FRAMES)]], sides[1])
     found = watched(images, [depth.astype(np.float32) for depth in depths])["stalled camera"]
-    assert not found.ok and found.note == "longest: the image stands still from 2.1 to 4.0 s"
+    assert not found.ok and ": the image stands still from 2.1 to 4.0 s" in found.note
 
 
 def test_people_who_stop_and_start_again_do_not_make_cameras_stand_still(sides: tuple[list[U8], list[U8]]) -> None:
