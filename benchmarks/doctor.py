@@ -30,6 +30,7 @@ from stereo.rectify import Rectifier
 FRAMES = 60
 """Consecutive frames in which a delay is looked for."""
 Change = Callable[[AnyArray], AnyArray]
+Read = Callable[[Sequence[int]], list[tuple[Decoded, Decoded]]]
 
 
 class Fault(NamedTuple):
@@ -156,19 +157,29 @@ def depth_faults(head: DepthCamera) -> list[Fault]:
     return found
 
 
-def faulty(recording: Recording[Any], fault: Fault) -> Recording[Any]:
-    """The recording with the fault in it."""
-    head = fault.head(recording.head) if fault.head else recording.head
-    units, last = getattr(head, "depth_units", None), recording.n_frames - 1 - fault.late
+def stored(recording: Recording[Any]) -> Read:
+    """Reads frames of a recording by ascending indices, with depth in ``RAW_UNITS``, and keeps them for all faults."""
+    kept, units = dict[int, tuple[Decoded, Decoded]](), getattr(recording.head, "depth_units", None)
 
     def read(indices: Sequence[int]) -> list[tuple[Decoded, Decoded]]:
-        if units is None:
-            return list(recording.decode(indices))
-        assumed, units.units_per_m = units.units_per_m, RAW_UNITS
+        assumed = units.units_per_m if units else 1.0
         try:
-            return list(recording.decode(indices))
+            if units:
+                units.units_per_m = RAW_UNITS
+            missing = sorted({*indices} - {*kept})
+            kept.update((first.index, (first, second)) for first, second in recording.decode(missing))
         finally:
-            units.units_per_m = assumed
+            if units:
+                units.units_per_m = assumed
+        return [kept[index] for index in indices]
+
+    return read
+
+
+def faulty(recording: Recording[Any], fault: Fault, read: Read) -> Recording[Any]:
+    """The recording with the fault in it; ``read`` gives its frames (see ``stored``)."""
+    head = fault.head(recording.head) if fault.head else recording.head
+    units, last = getattr(head, "depth_units", None), recording.n_frames - 1 - fault.late
 
     def decode(indices: Sequence[int] | None) -> Generator[tuple[Decoded, Decoded], None, None]:
         wanted = [i for i in (range(last + 1) if indices is None else indices) if i <= last]
@@ -233,14 +244,14 @@ def doctor(*, options: DoctorOptions | None = None) -> None:
     rows, totals = [], []
     for path in o.recording:
         recording = open_any(path)
-        head, tally = recording.head, {"right": 0, "wrong": 0, "nothing": 0}
+        read, head, tally = stored(recording), recording.head, {"right": 0, "wrong": 0, "nothing": 0}
         faults = pair_faults(head.rig) if isinstance(head, Pair) else depth_faults(head)
         is_grey = isinstance(head, Pair) and all(image.ndim == 2 for image in recording.sample(1)[0].images)
         faults = [fault for fault in faults if not (is_grey and fault.name == COLOURS.name)]
         for fault in (fault for fault in faults if o.fault in fault.name):
             progress(f"{path}: {fault.name or 'as recorded'}")
             start = time.process_time()
-            got = named(faulty(recording, fault), not fault.name or fault.late > 0)
+            got = named(faulty(recording, fault, read), not fault.name or fault.late > 0)
             verdict = "right" if got == fault.name else "wrong" if got else "nothing"
             tally[verdict] += 1
             fault_name, got_name = fault.name or "as recorded", got or "nothing"
