@@ -18,8 +18,12 @@ from calib.types import F64
 from planview.evaluation.evaluate import velocities
 from planview.evaluation.metrics import build_sequence, clear_scores, floor_similarity
 from planview.synthetic.assets import SCENES
+from planview.synthetic.camera import mount_pose, rectified_world, stereo_rig
+from planview.synthetic.people import Cast
+from planview.synthetic.scene import Scene
+from planview.synthetic.texture import Palette
 from planview.trajectories.state import SURE_FACING
-from planview.trajectories.table import Trajectories, read_tracks, read_truth, rows_by_id
+from planview.trajectories.table import Trajectories, read_tracks, read_truth, rows_by_id, table_of
 
 RECORDINGS = (("stopping", 15.0), ("running", 15.0), ("running", 30.0))
 """Tables of ``data/synthetic/claims`` and the frames per second at which they are rendered."""
@@ -64,7 +68,8 @@ def claims(*, options: ClaimOptions | None = None) -> None:
             scene = scene_of_table("suite", table, seed, name).scene
             recording = rendered(scene, f"claims-{name}-{seed}-{fps:g}", o.cache_folder)
             folder = run_pass(Pass(recording, o.cache_folder, o.settings()))
-            rows = compared(read_tracks(folder / "tracks.csv"), read_truth(recording / "truth.csv"), 1.0 / fps)
+            truth = everybody(scene, read_truth(recording / "truth.csv"))
+            rows = compared(read_tracks(folder / "tracks.csv"), truth, 1.0 / fps)
             if name == "running":
                 runners += speeds(rows, {"recording": f"running, seed {seed}, {fps:g} per second"})
             else:
@@ -74,6 +79,23 @@ def claims(*, options: ClaimOptions | None = None) -> None:
         o.json_output, facing=facing_table(every), confidence=confidence_table(every),
         place=deviation_table(every), runners=runners,
     )  # fmt: skip
+
+
+def everybody(scene: Scene, shown: Trajectories) -> Trajectories:
+    """The truth of a scene with those who are hidden or beyond the image (``visible`` 0) as well: somebody who is
+    predicted there may be there."""
+    assert scene.rig is not None  # of every table of claims
+    cast, room = Cast(scene, Palette()), rectified_world(stereo_rig(scene.rig), mount_pose(scene.rig))[1]
+    rows = []
+    for frame in range(scene.n_frames):
+        for actor in cast.at(frame / scene.fps):
+            if actor.body is not None:
+                (x_m, y_m, _), ahead = room @ actor.body.head, room.rotation @ actor.body.chest
+                facing_deg = np.rad2deg(np.arctan2(ahead[1], ahead[0]))
+                rows.append((frame, actor.person, x_m, y_m, actor.body.top_m, facing_deg))
+    whole = pandas.DataFrame(rows, columns=["frame", "id", "x_m", "y_m", "height_m", "facing_deg"])
+    seen = pandas.DataFrame({"frame": shown.frame, "id": shown.track_id, "visible": shown.visible})
+    return table_of(whole.merge(seen, "left", ["frame", "id"]).fillna({"visible": 0.0}), "everybody")
 
 
 def compared(tracks: Trajectories, truth: Trajectories, frame_s: float) -> pandas.DataFrame:
@@ -103,7 +125,7 @@ def stopped_s(truth: Trajectories, speed_mps: F64, frame_s: float) -> F64:
 
 def facing_table(rows: pandas.DataFrame) -> list[Row]:
     """By how long ago people stopped: how many are not back to front, what is said, and the same of the sure ones."""
-    rows = rows[(rows.state == "confirmed") & rows.true_id.notna() & rows.facing_deg.notna()]
+    rows = rows[(rows.state == "confirmed") & (rows.visible > 0.0) & rows.facing_deg.notna()]
     off = np.abs((rows.facing_deg - rows.true_facing_deg + 180.0) % 360.0 - 180.0)
     rows = rows.assign(right=off < 90.0, axis_deg=np.minimum(off, 180.0 - off))
     found = list[Row]()
@@ -118,7 +140,8 @@ def facing_table(rows: pandas.DataFrame) -> list[Row]:
 
 
 def confidence_table(rows: pandas.DataFrame) -> list[Row]:
-    """How many rows show somebody, next to what is said; of rows with a prediction only separately."""
+    """How many rows show somebody, next to what is said; of rows with a prediction only, in the image or beyond it,
+    separately."""
     rows = rows.assign(right=rows.true_id.notna())
     found = list[Row]()
     for seen, part in (("seen", rows[rows.state != "lost"]), ("predicted", rows[rows.state == "lost"])):

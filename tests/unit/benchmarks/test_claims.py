@@ -1,7 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from benchmarks.claims import compared, confidence_table, deviation_table, facing_table, speeds, stopped_s
+from benchmarks.claims import compared, confidence_table, deviation_table, everybody, facing_table, speeds, stopped_s
+from benchmarks.random_scenes.generator import scene_of_table
+from calib.io import load_toml
+from planview.synthetic.assets import SCENES
 from planview.trajectories.table import Trajectories, table_of
 
 
@@ -31,6 +36,15 @@ def test_confidence_counts_rows_next_to_which_somebody_is():
     truth = walk(1.0, rows=20)
     (row,) = confidence_table(compared(tracks, truth, 0.1).assign(scene=1))
     assert (row["rows"], row["right"][0], row["claimed"]) == pytest.approx((40, 0.5, 0.95))
+
+
+def test_people_beyond_the_image_are_there_but_do_not_show():
+    table = load_toml(SCENES / "claims" / "stopping.toml", "a challenge") | {"fps": 5}
+    scene = scene_of_table("suite", table, 1, "stopping").scene
+    whole = everybody(scene, walk(0.0, rows=0))
+    assert len(whole) > 50 and set(whole.visible) == {0.0}
+    shown = whole.where(np.arange(3))
+    assert list(everybody(scene, replace(shown, visible=np.full(3, 0.5))).visible[:4]) == [0.5, 0.5, 0.5, 0.0]
 
 
 def test_errors_of_places_are_of_each_axis():
