@@ -30,7 +30,7 @@ STEPS_M = np.array([0.12, 0.05])
 """Steps of the ascent: a walker's error of prediction, and half a patch [m]."""
 PLACE_STD_MIN_M = 0.02
 """A place is never known better [m]: a body leans and swings."""
-SHARED_DISPARITY_PX = 0.04
+SHARED_DISPARITY_PX = 0.06
 """Deviation of the error of disparity that all pixels of a body share: calibration, and matching drawn to whole pixels
 [px]."""
 BOX_HALF_M = 0.4

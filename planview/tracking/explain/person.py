@@ -29,9 +29,9 @@ FACING_STD_MAX_RAD = 1.0
 """Facing is reported when the deviation of its axis is better [rad]."""
 LEANING_M2_PS = 0.02
 """Variance of the change of a lean within a second [m^2/s]."""
-HEAD_STD_M, BENT_SHARE = 0.02, 0.7
-"""Deviation of a head from the axis of the trunk along each axis [m], and how far it may be ahead of the feet for each
-metre by which it is lower than upright, beyond what a lean describes (our choice: rendered people who bend)."""
+BENT_SHARE = 0.7
+"""Deviation of a head's place for each metre by which it was found lower than upright or before the feet: how bent
+bodies stand, and surfaces that look like a lean (our choice: rendered people)."""
 GAIT_M = 0.03
 """A head bobs while walking [m]."""
 HEIGHT_SEEN_STD_M = 0.08
@@ -175,11 +175,11 @@ class Person:
 
     @property
     def head_std_m(self) -> float:
-        """Deviation of the place below the head along each axis of the floor [m]: of the filter, the lean, and what all
-        pixels have in common."""
-        bent_m = BENT_SHARE * max(self.tall_m - self.height_m, 0.0)
-        place_var = 0.5 * float(np.trace(self.kalman.covariance[:2, :2]) + self.lean_var)
-        return math.sqrt(place_var + self.shared_m**2 + HEAD_STD_M**2 + bent_m**2)
+        """Deviation of the place below the head along each axis of the floor [m]: of the filter, of what all pixels
+        have in common, and of how a body stands."""
+        bent_m = BENT_SHARE * (max(self.tall_m - self.height_m, 0.0) + self.lean_m)
+        place_var = 0.5 * float(np.trace(self.kalman.covariance[:2, :2]))
+        return math.sqrt(place_var + self.shared_m**2 + bent_m**2)
 
     @property
     def still(self) -> float:

@@ -139,7 +139,7 @@ def test_a_lean_follows_what_is_seen_of_it():
 def test_the_deviation_of_a_place_holds_the_lean_and_what_all_pixels_share():
     person = newcomer(1, 0.0, 0.0, 4.0)
     person.kalman = FloorKalman.measured(np.zeros(2), 0.03**2 * np.eye(2))
-    person.height_m, person.tall_m, person.shared_m, person.lean_var = 1.7, 1.7, 0.06, 2.0 * 0.02**2
-    assert person.head_std_m == pytest.approx(np.sqrt(0.03**2 + 0.06**2 + 0.02**2 + 0.02**2))
-    person.height_m = 1.5  # bent
-    assert person.head_std_m > 0.7 * 0.2
+    person.height_m, person.tall_m, person.shared_m = 1.7, 1.7, 0.04
+    assert person.head_std_m == pytest.approx(0.05)
+    person.height_m, person.lean_m = 1.6, 0.1  # bent
+    assert person.head_std_m == pytest.approx(np.hypot(0.05, 0.7 * 0.2))
