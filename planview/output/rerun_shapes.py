@@ -81,17 +81,28 @@ def templates(result: FrameResult) -> dict[str, F32 | U8]:
     return tiles
 
 
-def facing_arrows(tracks: Sequence[TrackState], camera: FloorCamera | None) -> tuple[rr.Arrows3D, rr.Arrows2D]:
-    """Where people surely face, on the floor [m] and in the image of a camera [px]."""
-    known = [(track, line) for track in tracks if faces_surely(track) and (line := facing_line(track)) is not None]
-    colours = [person_rgb(track.track_id, track.state) for track, _ in known]
+def facing_shapes(tracks: Sequence[TrackState], camera: FloorCamera | None) -> tuple[list[Any], list[Any]]:
+    """Where people face, on the floor [m] and in the image of a camera [px]: arrows, and lines without a head where
+    front and back may be confused."""
+    known = [(track, line) for track in tracks if (line := facing_line(track)) is not None]
+    colours = np.array([person_rgb(track.track_id, track.state) for track, _ in known], np.uint8).reshape(-1, 3)
+    sure = np.array([faces_surely(track) for track, _ in known], np.bool_)
     ends = np.array([np.column_stack([line, [0.05, 0.05]]) for _, line in known]).reshape(-1, 2, 3)
-    floor = rr.Arrows3D(origins=ends[:, 0], vectors=ends[:, 1] - ends[:, 0], colors=colours, radii=0.03)
-    pixels = np.empty((0, 2, 2)) if camera is None else camera.project(ends.reshape(-1, 3)).reshape(-1, 2, 2)
-    seen = np.flatnonzero(np.isfinite(pixels).all(axis=(1, 2)))
-    shown = [colours[n] for n in seen.tolist()]
-    ahead = pixels[seen, 1] - pixels[seen, 0]
-    return floor, rr.Arrows2D(origins=pixels[seen, 0], vectors=ahead, colors=shown, radii=-2.5)
+    pixels = np.full((len(ends), 2, 2), np.nan)
+    if camera is not None:
+        pixels = camera.project(ends.reshape(-1, 3)).reshape(-1, 2, 2)
+    ahead, seen = ends[:, 1] - ends[:, 0], np.isfinite(pixels).all(axis=(1, 2))
+    arrows, lines = sure & seen, ~sure & seen
+    floor = [
+        rr.Arrows3D(origins=ends[sure, 0], vectors=ahead[sure], colors=colours[sure], radii=0.03),
+        rr.LineStrips3D(ends[~sure], colors=colours[~sure], radii=0.03),
+    ]
+    forward = pixels[arrows, 1] - pixels[arrows, 0]
+    image = [
+        rr.Arrows2D(origins=pixels[arrows, 0], vectors=forward, colors=colours[arrows], radii=-2.5),
+        rr.LineStrips2D(pixels[lines], colors=colours[lines], radii=-2.5),
+    ]
+    return floor, image
 
 
 def foreground_points(result: FrameResult) -> rr.Points3D:

@@ -1,6 +1,7 @@
 """Pictures of a run: stills, videos, rerun recordings, and a run again with a parameter changed."""
 
 import json
+import math
 import re
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from calib.errors import InputError
 from planview.api.view import view
 from planview.cli import main
 from planview.counting.events import Event
+from planview.drawing.people import ARROW_M, AXIS_M
 from planview.drawing.style import as_bgr
 from planview.engine.config import Config, load_config
 from planview.engine.open import open_engine
@@ -25,11 +27,12 @@ from planview.output.folder import rrd_parts
 from planview.output.render import tally
 from planview.output.replay import difference_text, replay_run
 from planview.output.report.page import write_report
-from planview.output.rerun_shapes import MAP_LAYERS, mosaic, outlines
+from planview.output.rerun_shapes import MAP_LAYERS, facing_shapes, mosaic, outlines
 from planview.output.run import RunOptions, run
 from planview.output.run_folder import RunFolder
 from planview.output.viewer import quiet_environment
 from planview.trajectories.plot import person_rgb
+from planview.trajectories.state import TrackState
 from stereo.readers import OpenOptions
 
 TRACKER = "ellipse-particle"
@@ -217,3 +220,16 @@ def test_the_maps_show_every_shape_that_a_tracker_draws_on_the_floor():
     names = {name for path in sources for name in re.findall(r'Drawing\("(\w+)", "floor"', path.read_text("utf-8"))}
     assert {"bodies", "footprints"} <= names
     assert {f"plan/{name}" for name in names} <= set(MAP_LAYERS)
+
+
+def test_rerun_shows_an_arrow_where_somebody_surely_faces_and_else_a_line_without_a_head() -> None:
+    people = [
+        TrackState(number, "confirmed", 1.0, 5.0, facing_deg=90.0, facing_confidence=confidence)
+        for number, confidence in ((4, 0.95), (5, 0.6), (6, math.nan))
+    ]
+    (arrows, lines), (above, below) = facing_shapes([*people, TrackState(7, "confirmed", 1.0, 5.0)], None)
+    assert arrows.vectors is not None and lines.strips is not None
+    np.testing.assert_allclose(arrows.vectors.as_arrow_array().to_pylist(), [[0.0, ARROW_M, 0.0]] * 2, atol=1e-6)
+    ends = [[1.0, 5.0 - AXIS_M, 0.05], [1.0, 5.0 + AXIS_M, 0.05]]
+    np.testing.assert_allclose(lines.strips.as_arrow_array().to_pylist(), [ends], atol=1e-6)
+    assert above.vectors is not None and len(above.vectors) == 0 and below.strips is not None and len(below.strips) == 0
