@@ -83,6 +83,7 @@ class Person:
         seen: place and speed then.
         tall_m, tall_var: height when upright [m], and its variance.
         born_s, born_m: when and where it was seen first.
+        blind_s: for how long since then images have shown nothing, or have lost their colours [s].
         origin_m: where the track began.
         walked_m: farthest from there [m].
         moved: log-odds of a person against a thing from moving by itself.
@@ -123,6 +124,7 @@ class Person:
     tall_var: float = HEIGHT_STD_M**2
     born_s: float = 0.0
     born_m: tuple[float, float] = (0.0, 0.0)
+    blind_s: float = 0.0
     origin_m: tuple[float, float] = (0.0, 0.0)
     walked_m: float = 0.0
     moved: float = 0.0
@@ -248,7 +250,8 @@ class Person:
     def shows_more_after(self, now_s: float, coloured: bool) -> bool:
         """Whether more will show of somebody who it is: the head or, where images are ``coloured``, the colours soon,
         or more than half of the body or the head."""
-        soon, cut_off = now_s - self.born_s < SHOWS_S, not self.head_in_view and self.inside < 0.5
+        soon = now_s - self.born_s - self.blind_s < SHOWS_S
+        cut_off = not self.head_in_view and self.inside < 0.5
         colours = self.coloured_frames < COLOURED_FRAMES_MIN and (cut_off or (soon and coloured))
         return colours or (soon and not self.head_in_view)
 

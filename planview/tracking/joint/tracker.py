@@ -20,6 +20,9 @@ from planview.trajectories.state import TrackState
 
 LOW_WALKERS = 0.01
 """Share of low people who walk: these are children. The others sit or bend, and stay where they are."""
+COLOURLESS_S = 3.0
+"""Images without the colours that they had before are damaged for no longer [s]: then it is night mode, as for the
+background (``DAMAGE_S``)."""
 INSIDE = 0.3
 """Share of a body in the image below which a person is at the border."""
 
@@ -28,7 +31,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
     """Follows people by the ranges of all pixels (``docs/method.md``)."""
 
     needs: Needs = "points"
-    CARRIED = (*ExplainingTracker.CARRIED, "_births")
+    CARRIED = (*ExplainingTracker.CARRIED, "_births", "_coloured_s")
 
     def __init__(self, params: JointParams | None = None) -> None:
         super().__init__(params or JointParams())
@@ -37,7 +40,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
     def reset(self) -> None:
         """Forget everybody; ids start again at 1."""
         super().reset()
-        self._births = Births(self.params)
+        self._births, self._coloured_s = Births(self.params), -math.inf
         self._shown: list[tuple[tuple[int, ...], Owned]] = []
 
     def debug(self) -> TrackerDebug:
@@ -67,6 +70,10 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         dt = self._begin(observation.timestamp_s)
         predicted = {person.track_id: person.kalman for person in self._people}
         frame = Explanation(views, self._likelihood)
+        coloured = self._expects_colours(frame)
+        if observation.unknown or coloured > frame.coloured:
+            for person in self._people:
+                person.blind_s += dt
         ratios = colour_ratios(self._people)
         if self._people:
             self._explain(frame, side_by_side(self._people, ratios), dt)
@@ -80,17 +87,25 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             places = [person.at_m for person in self._people]
             gaps = [min((math.dist(a, b) for b in places if b is not a), default=math.inf) for a in places]
             self._learn(owned, [gap >= body.REACH_M for gap in gaps], dt)
+        else:  # of those who touch now colours show later whether they have been exchanged
+            self._exchanges.update(self._people, (), 0.0)
         self._forget_gone()
         born = self._births.find(frame, self._people, owned, self._life.now_s)
         for newcomer in self._moved(frame, born, predicted) if born else ():
             reason = f"evidence {newcomer.evidence:.1f}, {newcomer.height_m:.2f} m tall"
             self._add(newcomer, "spawned", reason, newcomer.evidence)
-        self._recognise(frame.coloured)
+        self._recognise(coloured)
         boxes = person_boxes(observation.camera, [(*person.at_m, person.height_m) for person in self._people])
         return tuple(
             self._state(person, box, (self._confidence(person), person.head_std_m))
             for person, box in zip(self._people, boxes, strict=True)
         )
+
+    def _expects_colours(self, frame: Explanation) -> bool:
+        """Whether colours distinguish people in this frame, or did a moment ago and will again."""
+        if frame.coloured and any(view.colour is not None for view in frame.views):
+            self._coloured_s = self._life.now_s
+        return frame.coloured or self._life.now_s - self._coloured_s < COLOURLESS_S
 
     def _explain(self, frame: Explanation, people: People, dt: float) -> None:
         """Places, then the frame's evidence on each person's existence."""
@@ -187,6 +202,9 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         """Confirm newcomers, either as a lost or departed person or as a stranger.
 
         An identity is decided as soon as its odds suffice, and no later than when the person has shown who it is.
+
+        Args:
+            coloured: colours show, or will again.
         """
         p, new = self.params, [person for person in self._people if not person.confirmed]
         sure = [q for q in new if q.share >= p.visible_min and self._confidence(q) > p.report]

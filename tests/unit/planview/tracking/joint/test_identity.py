@@ -1,16 +1,19 @@
 """Who a newcomer of the joint tracker is, and what is learned of a person."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from toy_people import look_at, oblique_camera
 
 from planview.maps.view import CODES
 from planview.tracking import body
-from planview.tracking.explain.explanation import upright
-from planview.tracking.explain.person import Person, _log_odds, alike, colours_of
+from planview.tracking.explain.explanation import Explanation, upright
+from planview.tracking.explain.person import Exchanges, Person, _log_odds, alike, colours_of
 from planview.tracking.joint import JointTracker
+from planview.tracking.joint.ranges import JointParams
 from planview.tracking.kalman import FloorKalman
 
 
@@ -104,6 +107,31 @@ def test_before_the_head_shows_nobody_is_a_stranger_who_may_be_as_tall_as_somebo
     feet.height_m, feet.head_in_view = 1.7, True
     tracker._recognise(coloured=True)
     assert feet.confirmed and gone in tracker._departed
+
+
+def test_frames_without_colours_are_no_time_in_which_clothes_could_have_been_seen() -> None:
+    person = newcomer(-1, 0.0, 0.0, 8.0)
+    person.head_in_view = True
+    assert person.shows_more_after(0.9, coloured=True) and not person.shows_more_after(1.1, coloured=True)
+    person.blind_s = 0.5
+    assert person.shows_more_after(1.4, coloured=True) and not person.shows_more_after(1.6, coloured=True)
+
+
+def test_colours_that_have_shown_are_expected_again_for_three_seconds() -> None:
+    tracker, rays = JointTracker(), oblique_camera()
+    coloured = look_at(rays, [(0.0, 3.0, 1.75)], [CODES - 1])
+    grey = replace(coloured, colour=None)
+    expected = []
+    for now_s, view in ((0.0, grey), (1.0, coloured), (3.9, grey), (4.1, grey)):
+        tracker._life.begin(now_s)
+        expected.append(tracker._expects_colours(Explanation([view], tracker._likelihood)))
+    assert expected == [False, True, True, False]
+
+
+def test_people_who_touch_while_there_are_no_colours_may_have_been_exchanged() -> None:
+    exchanges = Exchanges(JointParams())
+    exchanges.update([newcomer(1, 0.0, 0.0, 8.0), newcomer(2, 0.5, 0.0, 8.0), newcomer(3, 2.0, 0.0, 8.0)], (), 0.0)
+    assert exchanges._evidence == {(1, 2): 0.0}
 
 
 @pytest.mark.parametrize(("head_in_view", "std_m"), [(True, 0.02), (False, 0.2)])
