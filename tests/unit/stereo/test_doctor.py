@@ -11,7 +11,7 @@ import pytest
 from toy_rgbd import CAMERA, EMPTY, FRAMES, HEIGHT_M, depth_image
 from toy_stereo import ToyWorld, toy_rig, walking
 
-from benchmarks.doctor import DONE
+from benchmarks.doctor import DONE, rectified
 from calib.camera import Camera
 from calib.pose import SE3
 from calib.rig import Floor, StereoRig
@@ -85,10 +85,14 @@ def test_names_are_unique_and_every_hypothesis_says_what_to_do() -> None:
         (lambda a, b: (np.fliplr(b), np.fliplr(a)), "the images of both cameras are exchanged and mirrored"),
         (lambda a, b: (a, interlaced(b)), "the right images are interlaced, one field above the other"),
         (lambda a, b: (a, DONE["of half the size"](b)), "the right images are of half the size"),
+        (rectified(rig()), "the images are rectified already"),
         (lambda a, b: (255 - a, b), "the images of one camera are negative"),
         (lambda a, b: (a, np.random.default_rng(int(b[0, 0])).integers(0, 255, b.shape, np.uint8)), ""),
     ],
-    ids=["right", "exchanged", "mirrored", "turned", "upside down", "both", "interlaced", "half", "negative", "noise"],
+    ids=[
+        "right", "exchanged", "mirrored", "turned", "upside down", "both", "interlaced", "half", "rectified",
+        "negative", "noise",
+    ],
 )  # fmt: skip
 def test_fault_of_images_is_named(fault: Callable[[U8, U8], tuple[U8, U8]], name: str) -> None:
     assert named(recorded(fault)) == name
@@ -167,7 +171,7 @@ RAY: F32 = np.linalg.norm(
 ).reshape(CAMERA.height, CAMERA.width).astype(np.float32)  # fmt: skip
 
 
-def measured(change: Undo) -> Recording[DepthCamera]:
+def measured(change: Undo, camera: Camera = CAMERA) -> Recording[DepthCamera]:
     """A recording of changed depth in millimetres."""
     units = Depths()
 
@@ -178,7 +182,7 @@ def measured(change: Undo) -> Recording[DepthCamera]:
             image = np.zeros(stored.shape, np.uint8)
             yield Decoded(i, i / 10, image), Decoded(i, i / 10, metres(stored, units.units_per_m))
 
-    head = DepthCamera(CAMERA, "", "structured-light", lambda depth: depth, None, units)
+    head = DepthCamera(camera, "", "structured-light", lambda depth: depth, None, units)
     return Recording(Path("depth"), cast(Any, decode), FRAMES, FrameClock(10.0), [], head)
 
 
@@ -200,3 +204,11 @@ def test_fault_of_depth_is_named_with_the_floor_that_it_hides(fault: Undo, name:
     assert (found.hypothesis.name if found else "") == name
     if found and "inverse" not in name:  # whose scale is not known
         assert f"the floor is {HEIGHT_M:.1f}" in found.gives
+
+
+@pytest.mark.parametrize(("turns", "side"), [(1, "left"), (-1, "right")])
+def test_depth_camera_that_lies_on_its_side_is_named(turns: int, side: str) -> None:
+    c = CAMERA
+    cx, cy = (c.cy, c.width - 1 - c.cx) if turns > 0 else (c.height - 1 - c.cy, c.cx)
+    found = explain(measured(lambda mm: np.rot90(mm, turns), Camera(c.height, c.width, c.fy, c.fx, cx, cy)))
+    assert found is not None and found.hypothesis.name == f"the camera lies on its {side} side"
