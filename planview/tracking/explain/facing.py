@@ -13,8 +13,6 @@ from planview.tracking.body import FACINGS, TURNING_RAD2_PS
 
 DIRECTIONS_RAD = np.arange(FACINGS) * (2.0 * math.pi / FACINGS)
 """Middles of the sectors of a belief, counterclockwise from x [rad]."""
-SECTOR_VAR = (2.0 * math.pi / FACINGS) ** 2 / 12.0
-"""Variance of a direction within its sector [rad^2]."""
 TURNED_RAD2_PS = 4.0
 """Variance of the turn within a second of somebody who stands [rad^2/s]: who stops turns by up to half a turn, and a
 belief that excludes it stays wrong. Walkers turn as slowly as bodies do (``body.TURNING_RAD2_PS``)."""
@@ -73,7 +71,7 @@ class FacingBelief(NamedTuple):
     @property
     def axis_var(self) -> float:
         """Variance of the axis, whichever end of it is ahead [rad^2]."""
-        return SECTOR_VAR - 0.5 * math.log(max(abs(self._axis), 1e-3))
+        return -0.5 * math.log(max(abs(self._axis), 1e-3))
 
     def near(self, facing: float) -> tuple[float, float]:
         """The mean of the directions within a right angle of one [rad], and their probability."""

@@ -29,6 +29,8 @@ FACING_STD_MAX_RAD = 1.0
 """Facing is reported when the deviation of its axis is better [rad]."""
 LEANING_M2_PS = 0.02
 """Variance of the change of a lean within a second [m^2/s]."""
+SHAPE_STD_M = 0.015
+"""Deviation of a place along each axis because a body is thicker or thinner than its table [m]: 2 cm along the ray."""
 BENT_SHARE = 0.7
 """Deviation of a head's place for each metre by which it was found lower than upright or before the feet: how bent
 bodies stand, and surfaces that look like a lean (our choice: rendered people)."""
@@ -178,10 +180,10 @@ class Person:
     @property
     def head_std_m(self) -> float:
         """Deviation of the place below the head along each axis of the floor [m]: of the filter, of what all pixels
-        have in common, and of how a body stands."""
+        have in common, and of how a body is shaped and stands."""
         bent_m = BENT_SHARE * (max(self.tall_m - self.height_m, 0.0) + self.lean_m)
         place_var = 0.5 * float(np.trace(self.kalman.covariance[:2, :2]))
-        return math.sqrt(place_var + self.shared_m**2 + bent_m**2)
+        return math.sqrt(place_var + self.shared_m**2 + SHAPE_STD_M**2 + bent_m**2)
 
     @property
     def still(self) -> float:

@@ -11,7 +11,7 @@ from toy_people import look_at, oblique_camera
 from planview.maps.view import CODES
 from planview.tracking import body
 from planview.tracking.explain.explanation import Explanation, upright
-from planview.tracking.explain.person import Exchanges, Person, _log_odds, alike, colours_of
+from planview.tracking.explain.person import SHAPE_STD_M, Exchanges, Person, _log_odds, alike, colours_of
 from planview.tracking.joint import JointTracker
 from planview.tracking.joint.ranges import JointParams
 from planview.tracking.kalman import FloorKalman
@@ -168,6 +168,7 @@ def test_the_deviation_of_a_place_holds_the_lean_and_what_all_pixels_share():
     person = newcomer(1, 0.0, 0.0, 4.0)
     person.kalman = FloorKalman.measured(np.zeros(2), 0.03**2 * np.eye(2))
     person.height_m, person.tall_m, person.shared_m = 1.7, 1.7, 0.04
-    assert person.head_std_m == pytest.approx(0.05)
+    upright_m = person.head_std_m
+    assert upright_m == pytest.approx(np.hypot(0.05, SHAPE_STD_M))
     person.height_m, person.lean_m = 1.6, 0.1  # bent
-    assert person.head_std_m == pytest.approx(np.hypot(0.05, 0.7 * 0.2))
+    assert person.head_std_m == pytest.approx(np.hypot(upright_m, 0.7 * 0.2))
