@@ -14,17 +14,7 @@ from planview.tracking import body
 from planview.tracking.explain import _ascent_kernels as ascent
 from planview.tracking.explain import _likelihood_kernels as kernels
 from planview.tracking.explain import samples as gathering
-from planview.tracking.explain.samples import (
-    CX,
-    CY,
-    KNOWN,
-    PARTS,
-    SAMPLES_OF_VIEW,
-    Known,
-    Model,
-    SampleArrays,
-    Seen,
-)
+from planview.tracking.explain.samples import CX, CY, KNOWN, PARTS, Known, Model, SampleArrays, Seen
 
 STEPS_M = np.array([0.12, 0.05])
 """Steps of the ascent: a walker's error of prediction, and half a patch [m]."""
@@ -165,7 +155,7 @@ class Explanation:
 
     def around(self, poses: F64, reach_m: float) -> Samples:
         """The samples within reach of each of (N, 5) bodies, or of one (5,), of all cameras."""
-        of, room = self.likelihood, SAMPLES_OF_VIEW * len(self.seen)
+        of, room = self.likelihood, gathering.SAMPLES_OF_VIEW * len(self.seen)
         arrays = SampleArrays.of(len(np.atleast_2d(poses)), room)
         for seen in self.seen:
             gathering.gather(np.atleast_2d(poses), reach_m, seen, arrays, of.table, of.model)
