@@ -227,4 +227,4 @@ def _refuse_existing(out: Path, source: Path | None, overwrite: bool) -> None:
     if out.is_dir():
         raise InputError(f"{out} is a folder; name a file")
     if out.exists() and not overwrite:
-        raise InputError(f"{out}: exists; choose another file, or overwrite it", remedy="overwrite=True")
+        raise InputError(f"{out}: already exists", remedy="overwrite=True")

@@ -33,8 +33,8 @@ def check(call: Call) -> None:
         say(f"wrote {rig}" if rig else way)
     if failed := [check.name for check in result.checks if check.failed]:
         count = f"{len(failed)} of {len(result.checks)} checks failed"
-        has_depth = any(check.name == "valid disparity" for check in result.checks)
-        pictures = "; --out FOLDER draws a frame with its depth" if has_depth and not call["out"] else ""
+        has_depth = "valid disparity" in {check.name for check in result.checks}
+        pictures = "; --out FOLDER draws a frame with its depth" * (has_depth and not call["out"])
         raise WorkError(f"{call['recording']}: {count}: {', '.join(failed)}{pictures}")
     if rig and not result.correction:
         raise WorkError(f"{rig} was not written: there is nothing to correct in the calibration")

@@ -93,12 +93,9 @@ def demo(*, out: Path = Path("out/demo"), json: Flag = False) -> None:
 
     Example: planview demo
 
-    Parameters
-    ----------
-    out
-        Folder for the results; results of an earlier demo there are replaced.
-    json
-        Print one JSON object to standard output.
+    Args:
+        out: Folder for the results; results of an earlier demo there are replaced.
+        json: Print one JSON object to standard output.
     """
     if not DEMO.is_dir():
         remedy = "install planview again, or run it from its repository"

@@ -33,7 +33,7 @@ def refine(call: Call) -> None:
         return
     say(f"{out / 'tracks.csv'}: {plural(counts['join'], 'join')}, {plural(counts['smooth'], 'path')} smoothed")
     if scores := scores_of_refinement(out):
-        say(f"{scores}; planview edit {out} --undo takes the refinement back")
+        say(f"{scores}\nplanview edit {out} --undo takes the refinement back")
 
 
 @command(api.export, options=["to"], types={"out": Annotated[Path | None, Parameter(allow_leading_hyphen=True)]})

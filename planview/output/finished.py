@@ -99,8 +99,8 @@ def _without_refinement(folder: Path) -> None:
 
 
 def scores_of_refinement(folder: Path) -> str:
-    """How a refinement changed the scores, "better", "worse" or "equal" first; empty where the recording has no
-    truth."""
+    """How a refinement changed the scores, "better", "worse" or "equal" first, then a line before and one after; empty
+    where the recording has no truth."""
     refined = RunFolder(folder)
     if refined.truth_file is None:
         return ""
@@ -108,7 +108,7 @@ def scores_of_refinement(folder: Path) -> str:
     before, after = (run.evaluated() for run in (online, refined))
     odds = [(after.mota or 0) - (before.mota or 0), (after.idf1 or 0) - (before.idf1 or 0)]
     verdict = "worse" if min(odds) < -5e-4 else "better" if max(odds) > 5e-4 else "equal"
-    return f"{verdict} against the truth: {before.headline} -> {after.headline}"
+    return f"{verdict} against the truth\nbefore: {before.headline}\nafter:  {after.headline}"
 
 
 def read_steps(folder: Path) -> list[EditStep]:

@@ -191,7 +191,11 @@ def differing_settings(runs: Sequence[RunInfo]) -> list[tuple[str, list[str]]]:
     for name in dict.fromkeys(name for table in tables for name in table):
         values = [table.get(name) for table in tables]
         if any(value != values[0] for value in values):
-            rows.append((name.removeprefix("config."), ["-" if value is None else str(value) for value in values]))
+            # All digits only where fewer would look the same.
+            short = [f"{value:.5g}" if isinstance(value, float) else str(value) for value in values]
+            texts = short if len(set(short)) > 1 else list(map(str, values))
+            shown = ["-" if value is None else text for value, text in zip(values, texts, strict=True)]
+            rows.append((name.removeprefix("config."), shown))
     return rows
 
 

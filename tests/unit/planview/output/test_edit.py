@@ -135,7 +135,7 @@ def recording_with_truth(folder: Path) -> Path:
 
 def test_refinement_says_whether_it_made_the_tracks_better_or_worse(folder, cli, json_of):
     truth = recording_with_truth(folder)
-    assert "equal against the truth: 1 person in the truth" in cli("refine", folder)[1]
+    assert "equal against the truth\nbefore: 1 person in the truth" in cli("refine", folder)[1]
     for name, refined in (("tracks.csv", True), ("tracks_online.csv", False)):
         assert json_of("evaluate", folder / name, truth)["refined"] == refined
 

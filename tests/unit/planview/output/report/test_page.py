@@ -228,3 +228,10 @@ def test_settings_that_differ_have_all_their_digits() -> None:
     other = one.model_copy(update={"config": {"seed": 0, "grid": {"cell_m": 0.030001}}, "tracker": "template"})
     rows = differing_settings([one, other])
     assert rows == [("tracker", ["joint", "template"]), ("grid.cell_m", ["0.03", "0.030001"])]
+
+
+def test_settings_that_differ_widely_have_no_more_digits_than_show_it() -> None:
+    one, other = (full_info().model_copy(update={"fps": fps}) for fps in (15.000000178997617, 10.0))
+    assert differing_settings([one, other]) == [("fps", ["15", "10"])]
+    close = one.model_copy(update={"fps": 15.0})
+    assert differing_settings([one, close]) == [("fps", ["15.000000178997617", "15.0"])]
