@@ -7,6 +7,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -21,6 +22,7 @@ from calib.camera import Camera, LensModel
 from calib.errors import WorkError
 from calib.floor.plane import FloorParams
 from calib.ground_camera import GroundCamera
+from calib.io import load_toml
 from calib.people.calibration import calibrate_from_people
 from calib.people.model import HumanModel
 from calib.people.samples import HumanSample, choose_spread
@@ -29,17 +31,19 @@ from calib.rig import Floor, StereoRig, world_from_plane
 from calib.types import F32, F64
 from calib.world import RIGS_FILE, RigEntry, load_rigs
 from planview.calibration.align import align_records, record_rig, rig_entries
+from planview.calibration.people import collect_samples
 from planview.engine.config import Config
 from planview.synthetic.assets import SCENES, real_recordings
+from planview.synthetic.camera import ground_camera
 from planview.synthetic.render import SceneRenderer
 from planview.synthetic.scene import Scene, load_scene
-from planview.synthetic.write import write_rigs
+from planview.synthetic.write import write_recording, write_rigs
 from stereo.floor import BLIND_SENSOR, PairFrames, floor_in, spread_frames
-from stereo.readers import OpenOptions, open_any
+from stereo.readers import OpenOptions, open_any, open_video
 from stereo.recording import Frame, Shot
 from stereo.rgbd import NOISE, RgbdRectifier
 
-Family = Literal["board", "floor", "human", "rigs", "deviations"]
+Family = Literal["board", "floor", "human", "walkers", "rigs", "deviations"]
 BOARD_SIZE = 1280, 800
 LENSES: dict[str, tuple[float, LensModel, tuple[float, ...]]] = {
     "plain": (900.0, "brown", ()),
@@ -389,6 +393,64 @@ def noisy_people(camera: GroundCamera, seed: int) -> list[HumanSample]:
     return list(choose_spread(samples, 8))
 
 
+WALKED, WALKED_SEEDS = ("door_oblique", "station", "corridor"), (1201, 1202)
+"""Scenes of one camera in which people walk by, and what decides their cameras and people."""
+
+
+def walked_scene(name: str, seed: int) -> Scene:
+    """A committed scene of one camera with another camera and other people."""
+    table, rng = load_toml(SCENES / "single" / f"{name}.toml", "a scene"), np.random.default_rng(seed)
+    camera, ceiling_m = table["camera"], table["room"]["size_m"][2]
+    height_m = min(camera["at_m"][2] * math.exp(rng.uniform(-0.15, 0.12)), ceiling_m - 0.1)
+    camera |= {
+        "tilt_deg": camera["tilt_deg"] + rng.uniform(-5, 5),
+        "focal_px": camera["focal_px"] * math.exp(rng.uniform(-0.15, 0.15)),
+        "at_m": [*camera["at_m"][:2], height_m],
+    }
+    for person in table["people"]:
+        person["height_m"] = float(np.clip(rng.normal(1.72, 0.09), 1.5, 1.95))
+    return Scene.model_validate(table | {"seed": int(rng.integers(1 << 30)), "fps": 10})
+
+
+def floor_error_m(found: GroundCamera, true: GroundCamera, pixels: F64) -> float:
+    """Distance of floor positions from the true ones [m], the median over (n, 2) pixels, after the best shift and turn
+    of the floor."""
+    a, b = found.back_project(pixels), true.back_project(pixels)
+    known = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
+    a, b = (part[known] - part[known].mean(axis=0) for part in (a, b))
+    x, y = (a * b).sum(), (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()
+    turn = np.array([[x, -y], [y, x]]) / np.hypot(x, y)
+    return float(np.sqrt(np.median(((a @ turn.T - b) ** 2).sum(axis=1))))
+
+
+def walker_rows() -> list[Row]:
+    """Errors over the deviations that are given of cameras from people who walk by."""
+    off: dict[str, list[float]] = {"floor positions": [], "height": [], "tilt": [], "focal": []}
+    for name, seed in product(WALKED, WALKED_SEEDS):
+        progress(f"people who walk by, {name} {seed}")
+        scene = walked_scene(name, seed)
+        assert scene.camera is not None
+        true = ground_camera(scene.camera)
+        with tempfile.TemporaryDirectory() as place:
+            write_recording(SceneRenderer(scene), Path(place) / name, storage="jpg")
+            try:
+                samples, independent = collect_samples(open_video(Path(place) / name))
+                found = calibrate_from_people(samples, true.size, independent=independent)
+            except WorkError as error:
+                progress(f"refused: {error}")
+                continue
+        feet = np.array([sample.foot_px for sample in samples])
+        first, second = np.triu_indices(len(feet))
+        error_m = floor_error_m(found.camera, true, 0.5 * (feet[first] + feet[second]))
+        off["floor positions"].append(error_m / found.assessment.floor_error_m)
+        off["height"].append((found.camera.height_m / true.height_m - 1) / found.std.height)
+        off["tilt"].append((found.camera.tilt_rad - true.tilt_rad) / found.std.tilt_rad)
+        off["focal"].append((found.camera.focal_px / true.focal_px - 1) / found.std.focal)
+    rms = {what: float(np.sqrt(np.mean(np.square(values)))) for what, values in off.items()}
+    count = len(off["tilt"])
+    return [figure(f"{count} cameras from walkers: errors over deviations, {k}, rms", v, "1") for k, v in rms.items()]
+
+
 def rig_rows() -> list[Row]:
     """Two rigs in one random room, whose clocks begin apart: aligned by the people whom both track."""
     rows = []
@@ -422,7 +484,8 @@ def alignment_error(found: Sequence[RigEntry], true: Sequence[RigEntry]) -> tupl
 
 
 FAMILIES: dict[Family, Callable[[], list[Row]]] = {
-    "board": board_rows, "floor": floor_rows, "human": human_rows, "rigs": rig_rows, "deviations": deviation_rows,
+    "board": board_rows, "floor": floor_rows, "human": human_rows, "walkers": walker_rows, "rigs": rig_rows,
+    "deviations": deviation_rows,
 }  # fmt: skip
 
 
@@ -434,7 +497,7 @@ def calibration(*, only: Family | None = None, json_output: JsonFlag = False) ->
     Parameters
     ----------
     only
-        One family: board, floor, human, rigs or deviations (is an error as large as the deviation that is given?).
+        One family: board, floor, human, walkers (as ``--auto`` takes them), rigs or deviations (of floors).
     json_output
         Print one JSON object on stdout.
     """

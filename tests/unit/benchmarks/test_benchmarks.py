@@ -3,6 +3,7 @@
 import json
 import math
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -17,12 +18,14 @@ from benchmarks.calibration import (
     HEIGHT_OFF_M,
     alignment_error,
     figure,
+    floor_error_m,
     floor_errors,
     low_room,
     low_room_floor,
 )
 from benchmarks.options import report
 from benchmarks.speed import LIMITS, Yardstick, compared, counted, one_core, ratio_row
+from calib.ground_camera import GroundCamera
 from calib.pose import SE3
 from calib.rig import world_from_plane
 from calib.world import RigEntry
@@ -104,3 +107,11 @@ def test_floor_of_a_level_camera_is_found_among_larger_walls(seed: int) -> None:
     assert room.share < 0.07
     height_m, angle_deg = floor_errors(low_room_floor(room), room.floor)
     assert height_m < HEIGHT_OFF_M and angle_deg < ANGLE_OFF_DEG
+
+
+def test_floor_error_is_what_no_shift_and_turn_of_the_floor_takes_away() -> None:
+    low = GroundCamera(640, 480, 400.0, 2.0, 0.0)
+    corners = low.project([[x, y, 0.0] for x in (-1.0, 1.0) for y in (-1.0, 1.0)])
+    high = replace(low, height_m=2.2)  # from straight above all is a tenth farther from the middle
+    assert floor_error_m(high, low, corners) == pytest.approx(0.1 * math.sqrt(2.0))
+    assert floor_error_m(replace(low, roll_rad=0.3), low, corners) == pytest.approx(0.0, abs=1e-9)
