@@ -189,7 +189,8 @@ class RigHead(Carried):
             return View.unknown(self.views.shape, measured.image, self.views.rays, measured)
         due = foreground.settled and self.views.background_due(now_s)
         background = foreground.background_disparity() if due else None
-        points = self.views.points(measured.disparity, mask, measured.image, foreground.exposure)
+        image = measured.image if foreground.sharp else as_grey(measured.image)  # colours that are mixed are none
+        points = self.views.points(measured.disparity, mask, image, foreground.exposure)
         view = self.views.view(points, mask, now_s, background, measured)
         clock.record("maps")
         return view

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from calib.carried import Carried
+from calib.images import as_grey
 from calib.types import F32, U8, AnyArray
 from planview.foreground import _kernels as kernels
 from planview.foreground.gain import Exposure, GainFinder
@@ -32,6 +33,9 @@ SAMPLED = 4
 SHOWN_MIN, DEPTH_MIN, LIT_MIN = 0.6, 0.33, 0.5
 """Least parts of the usual shares of pixels: explained by the background, with depth to be compared with that of the
 background, and neither dark nor saturated."""
+EDGE_NOISE, EDGES_MIN, SHARP_MIN = 3.0, 50, 0.5
+"""Neighbours whose luma differs by more than this many deviations of its noise are an edge; fewer edges of a background
+do not show whether an image is sharp; least part of their usual share that a sharp image shows."""
 COVER_S = 0.15
 """Time in which somebody who comes near covers the rest of the first share [s]."""
 BACK_MIN = 0.9
@@ -56,7 +60,7 @@ class Foreground(Carried):
 
     CARRIED = (
         "shadow", "shows", "_model", "_exposure", "_rebased", "_first_s", "_now_s", "_learned_s", "_frame", "_usual",
-        "_shown_s",
+        "_shown_s", "sharp", "_usual_edges", "_sharp_s",
     )  # fmt: skip
     RECORDS = kernels.PixelMixtures, Exposure
 
@@ -106,6 +110,9 @@ class Foreground(Carried):
         self.shows = True
         """Whether the last image showed anything that is known: else nothing was learned from it."""
         self._usual, self._shown_s = (0.0, 0.0, 0.0), math.nan
+        self.sharp = True
+        """Whether the last image showed the edges of the background: else colours of bodies and background mix."""
+        self._usual_edges, self._sharp_s = 0.0, math.nan
 
     @property
     def settled(self) -> bool:
@@ -146,6 +153,7 @@ class Foreground(Carried):
             self._rebase()
             is_first = math.isnan(self._first_s)
         self._shown_s = timestamp_s
+        self._look_for_edges(image, timestamp_s)
         mask: U8 = np.empty(self.shape, np.uint8)
         kernels.update(self._model, frame, mask, self._constants(), self._rates(timestamp_s))
         if is_first:
@@ -179,6 +187,19 @@ class Foreground(Carried):
         if steady:
             self._usual = shares
         return True
+
+    def _look_for_edges(self, image: U8, timestamp_s: float) -> None:
+        """Whether a (H, W, 1 or 3) image is sharp: where the background has an edge it has at least half of one, nearly
+        as often as usual. What stays blurred for longer than damage lasts is another focus."""
+        rows, edge = np.ascontiguousarray(image[::SAMPLED]), EDGE_NOISE * self.params.luma_noise
+        luma = as_grey(rows if image.shape[2] == 3 else rows[..., 0])
+        there = np.abs(np.diff(self._model.gaussians["y"][0, ::SAMPLED], axis=1)) > edge
+        here = cv2.absdiff(luma[:, 1:], luma[:, :-1]) > 0.5 * edge * self._exposure.gain
+        edges = np.count_nonzero(there)
+        shown = np.count_nonzero(there & here) / edges if edges >= EDGES_MIN else 1.0
+        self.sharp = not shown < SHARP_MIN * self._usual_edges or timestamp_s - self._sharp_s > DAMAGE_S
+        if self.sharp:
+            self._usual_edges, self._sharp_s = shown, timestamp_s
 
     def _without_fattening(self, mask: U8) -> U8:
         """Foreground as 255, without what has the background's colour next to a foreground of another colour.

@@ -71,7 +71,8 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         predicted = {person.track_id: person.kalman for person in self._people}
         frame = Explanation(views, self._likelihood)
         coloured = self._expects_colours(frame)
-        if observation.unknown or coloured > frame.coloured:
+        damaged = observation.unknown or coloured > frame.coloured
+        if damaged:
             for person in self._people:
                 person.blind_s += dt
         ratios = colour_ratios(self._people)
@@ -80,7 +81,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         owned = frame.assign_pixels(side_by_side(self._people, ratios))
         self._shown = [(v.kind.shape, o) for v, o in zip(views, owned, strict=True)]
         for i, person in enumerate(self._people):
-            if not person.confirmed:
+            if not (person.confirmed or damaged):
                 mine = [(v, o, o.owner == i) for v, o in zip(views, owned, strict=True)]
                 person.count_evidence([(v, o.pixels[own], o.patches[own]) for v, o, own in mine])
         if frame.coloured:
@@ -94,7 +95,8 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         for newcomer in self._moved(frame, born, predicted) if born else ():
             reason = f"evidence {newcomer.evidence:.1f}, {newcomer.height_m:.2f} m tall"
             self._add(newcomer, "spawned", reason, newcomer.evidence)
-        self._recognise(coloured)
+        if not damaged:  # else outlines may be as wrong as colours
+            self._recognise(coloured)
         boxes = person_boxes(observation.camera, [(*person.at_m, person.height_m) for person in self._people])
         return tuple(
             self._state(person, box, (self._confidence(person), person.head_std_m))

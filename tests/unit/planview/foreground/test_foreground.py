@@ -1,5 +1,6 @@
 """Foreground, gain and ghosts."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -289,6 +290,18 @@ def test_depth_that_is_gone_at_once_shows_nothing():
     assert scene.foreground.shows
     scene.frame(invalid=0.95)
     assert not scene.foreground.shows
+
+
+def test_an_image_without_the_edges_of_the_background_is_not_sharp_for_three_seconds() -> None:
+    scene = Scene()
+    scene.wall = 120.0 + 0.25 * (scene.wall - 120.0)  # so faint that it matches when it is blurred
+    scene.watch(4)
+    assert scene.foreground.sharp
+    scene.wall = cv2.GaussianBlur(scene.wall, (0, 0), 4.0)
+    scene.watch(1)
+    assert scene.foreground.shows and not scene.foreground.sharp
+    scene.watch(3)
+    assert scene.foreground.sharp
 
 
 def test_another_view_begins_a_new_background_after_a_while():

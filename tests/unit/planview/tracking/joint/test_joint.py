@@ -1,6 +1,7 @@
 """The joint tracker."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -137,6 +138,16 @@ def test_a_walker_keeps_existence_and_id_while_nothing_is_known():
         odds.append(tracker._people[0].log_odds)
     assert states[14] == states[34] == [(1, "confirmed")] and states[15:23] == [[(1, "lost")]] * 8
     assert odds[22] == pytest.approx(odds[14], abs=1e-6)
+
+
+def test_nobody_is_confirmed_while_images_lack_the_colours_that_they_had() -> None:
+    tracker, first = JointTracker(), {}
+    for n in range(40):
+        scene = look_at(CAMERA, [(0.8, 2.5, 1.75), (-1.2 + 0.06 * n, 3.5, 1.75)] if n > 4 else [], (30, 160))
+        lost = 6 <= n < 26
+        states = tracker.update(observed(n, n / 15, replace(scene, colour=None) if lost else scene))
+        first |= {s.track_id: n for s in confirmed(states) if s.track_id not in first}
+    assert min(first.values()) >= 26
 
 
 def test_who_turns_round_while_nothing_is_known_is_not_the_thing_that_stands_ahead():
