@@ -16,11 +16,11 @@ from planview.output.report.page import evaluation_rows, figure_text, words_of
 from planview.output.run_folder import RunFolder
 from planview.trajectories.formats import file_pairs
 
-PUBLISHED = ("hota", "motp_m", "misses", "false_positives", "fragmentations", "mostly_tracked", "mostly_lost")
-"""What papers print besides MOTA, IDF1 and id switches, which are in the headline."""
+PUBLISHED = ("hota", "misses", "false_positives", "fragmentations", "mostly_tracked", "mostly_lost")
+"""What papers print besides MOTA, IDF1, id switches and MOTP, the position error, which are in the headline."""
 HEADLINE = (
-    "mota", "idf1", "switches", "people", "tracked_people", "position_error_mean_m", "height_error_mean_m",
-    "truth_rows", "ignored_rows",
+    "mota", "idf1", "switches", "people", "tracked_people", "motp_m", "position_error_mean_m",
+    "height_error_mean_m", "truth_rows", "ignored_rows",
 )  # fmt: skip
 """Figures that stand above the table."""
 

@@ -91,6 +91,7 @@ def test_evaluation_prints_what_papers_print_and_no_figure_twice(tmp_path: Path,
             main(["evaluate", str(tmp_path), str(truth), *words])
         printed.append(capsys.readouterr().out)
     assert all(text.count(name) == 1 for text in printed for name in ("MOTA", "IDF1", "positions missed"))
+    assert not any("MOTP" in text for text in printed)  # the position error above the table
     assert "group" not in printed[0] and "group" in printed[1]
 
 
