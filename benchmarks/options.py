@@ -4,6 +4,7 @@
 # subclass, which does not know these names.
 
 import hashlib
+import math
 import os
 import sys
 from collections.abc import Mapping, Sequence
@@ -93,6 +94,11 @@ def _cell(value: object) -> str:
     if value is None or value != value:
         return "-"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def figure(name: str, value: float, unit: str, limit: float = math.nan) -> Row:
+    """A figure measured against known truth, which is only reported where the limit is NaN."""
+    return {"name": name, "value": value, "unit": unit, "limit": limit, "ok": not value > limit}
 
 
 def report(json_output: bool, **parts: Any) -> None:

@@ -13,17 +13,9 @@ from toy_recordings import write_video
 from toy_stereo import toy_rig
 
 from benchmarks.__main__ import main_benchmarks as main
-from benchmarks.calibration import (
-    ANGLE_OFF_DEG,
-    HEIGHT_OFF_M,
-    alignment_error,
-    figure,
-    floor_error_m,
-    floor_errors,
-    low_room,
-    low_room_floor,
-)
-from benchmarks.options import report
+from benchmarks.calibration import alignment_error, floor_error_m
+from benchmarks.floors import ANGLE_OFF_DEG, HEIGHT_OFF_M, floor_errors, low_room, low_room_floor
+from benchmarks.options import figure, report
 from benchmarks.speed import LIMITS, Yardstick, compared, counted, one_core, ratio_row
 from calib.ground_camera import GroundCamera
 from calib.pose import SE3
