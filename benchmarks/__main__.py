@@ -25,7 +25,7 @@ def make_app(words: Sequence[str] = ()) -> App:
     """The command tree; a benchmark's module is imported when it is called, or named for its whole help."""
     app = App(name="benchmarks", help="Measure speed and accuracy on this machine.", default_parameter=None)
     for name, text in BENCHMARKS.items():
-        module = {"pets": "real", "damaged": "real"}.get(name, name)
+        module = "real" if name == "pets" else name
         app.command(f"benchmarks.{module}:{name}", name=name, help=None if name in words else text)
     return app
 
