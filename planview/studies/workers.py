@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import traceback
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 CONNECT_S = 10.0
 WORKERS_S = 60.0
-"""Time to wait for the first worker of a cluster [s]."""
+"""Time to wait for the first worker of a cluster, and for those that start again at the end [s]."""
 LOCAL = {
     "distributed.scheduler.allowed-failures": 0,
     "distributed.scheduler.worker-saturation": 1.0,
@@ -57,6 +57,8 @@ def workers(jobs: int, cluster: str | None = None) -> Iterator[Client]:
             Client(processes) as client,
         ):  # fmt: skip
             yield client
+            with suppress(TimeoutError):  # Dask cannot end a process that is only starting again
+                client.wait_for_workers(jobs, timeout=WORKERS_S)
         return
     try:
         client = Client(cluster, timeout=CONNECT_S)
