@@ -83,6 +83,7 @@ def pair_faults(rig: StereoRig) -> list[Fault]:
 
     pose, ideal = rig.right_SE3_left, rectified_rig(lambda: rig, rig)[0]
     inverse = SE3(pose.inverse().rotation, -pose.inverse().translation)
+    lenses = replace(rig, left=rig.right, right=rig.left)
     sizes = {"twice": 2.0, "1.5 times": 1.5, "two thirds of": 2 / 3, "half": 0.5}
     found = [Fault(""), Fault("left and right are exchanged", lambda a, b: (b, a))]
     found += [Fault(f"{which} {what}", done(change, *how)) for what, change in DONE.items() for which, *how in WHICH]
@@ -91,6 +92,7 @@ def pair_faults(rig: StereoRig) -> list[Fault]:
         Fault("the images of one camera are negative", lambda a, b: (255 - a, b)),
         Fault("the images are rectified already", rectified(rig)),
         Fault("the pose of the right camera is inverted", head=calibrated(inverse)),
+        Fault("the lenses of left and right are exchanged", head=lambda head: replace(head, rig=lenses)),
         *(Fault(f"the calibration is that of images {n} the size", head=calibrated(scale=f)) for n, f in sizes.items()),
         *(
             Fault(f"the baseline is in {unit}", head=calibrated(SE3(pose.rotation, pose.translation / metre)))

@@ -95,6 +95,11 @@ def _inverted(rig: StereoRig) -> StereoRig:
     return replace(rig, right_SE3_left=SE3(pose.rotation, -pose.translation))
 
 
+def _of_other_cameras(rig: StereoRig) -> StereoRig:
+    """The lens of each camera for the other one."""
+    return replace(rig, left=rig.right, right=rig.left)
+
+
 def _in_units(per_m: float) -> Callable[[AnyArray, StoredDepth], F32]:
     return lambda values, stored: metres(values, per_m)
 
@@ -166,6 +171,7 @@ PAIRS = (
     Hypothesis("the images of one camera are negative", BACK, right=lambda image: 255 - image),
     Hypothesis("the images are rectified already", "give the calibration of the rectified images", rig=_rectified),
     Hypothesis("the images are not rectified yet", "give the calibration of the images as they are", bent=True),
+    Hypothesis("the lenses of left and right are exchanged", "exchange them in the calibration", rig=_of_other_cameras),
     Hypothesis("the pose of the right camera is inverted", "store right_SE3_left, not left_SE3_right", rig=_inverted),
     *(
         Hypothesis(f"the calibration is that of images {what} the size", SCALED, rig=_of_images(scale))

@@ -116,11 +116,12 @@ def claimed(turned: bool = False, baseline: float = 1.0, scale: float = 1.0) -> 
     ("rig", "name"),
     [
         (claimed(turned=True), "the pose of the right camera is inverted"),
+        (replace(rig(), left=rig().right, right=rig().left), "the lenses of left and right are exchanged"),
         (claimed(baseline=100.0), "the baseline is in centimetres"),
         (claimed(scale=2.0), "the calibration is that of images twice the size"),
         (rectified_rig(rig, rig())[0], "the images are not rectified yet"),
     ],
-    ids=["pose", "baseline", "size", "raw"],
+    ids=["pose", "lenses", "baseline", "size", "raw"],
 )
 def test_fault_of_the_calibration_is_named(rig: StereoRig, name: str) -> None:
     assert named(recorded(lambda a, b: (a, b), rig)) == name
