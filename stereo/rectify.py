@@ -72,7 +72,7 @@ def border_rays(camera: Camera, samples: int = 33) -> F64:
     good = np.isfinite(rays).all(axis=1) & (np.hypot(rays[:, 0], rays[:, 1]) <= limit)
     good &= np.hypot(*(camera.project(np.where(good[:, None], rays, 1.0)) - pixels).T) < 0.5
     towards = (pixels - [camera.cx, camera.cy]) / [camera.fx, camera.fy]
-    towards *= limit / np.linalg.norm(towards, axis=1, keepdims=True)
+    towards *= limit / np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-9)
     rays[~good, :2] = towards[~good]
     rays[~good, 2] = 1.0
     return rays.reshape(4, samples, 3)

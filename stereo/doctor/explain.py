@@ -132,7 +132,7 @@ def explain_pair(recording: Recording[Pair], search: FloorSearch | None = None) 
     if shares.max() < ALIGNED:
         return None
     if shares[0] >= ALIGNED:  # what lies on its rows is rectified
-        shares[[look.hypothesis.bent for look in looks]] = 0.0
+        shares[[look.hypothesis.rows != "aligned" for look in looks]] = 0.0
     likely = [int(k) for k in np.argsort(-shares, kind="stable") if shares[k] >= shares.max() / BETTER]
     views = {k: view_of(looks[k].depths(), looks[k].geometry, search) for k in likely}
     floors = any(view.floor for view in views.values())

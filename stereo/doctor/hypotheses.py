@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -39,8 +39,8 @@ class Hypothesis:
         exchanged: whether left and right are to be exchanged.
         left, right: make the image of a side, once they are exchanged, what it should be.
         rig: makes the calibration of a pair what it should be.
-        bent: whether row offsets may change smoothly over the image, as lenses and turned cameras make them; only where
-            the calibration is that of rectified images.
+        rows: what row offsets may be where the calibration is that of rectified images: "shifted" alike, or "bent", as
+            lenses and turned cameras make them.
         depth: makes (H, W) metres along the axis of (H, W) stored values.
         placed: lays depth, or a map of it, onto the image.
         baseline: factor to the baseline.
@@ -53,7 +53,7 @@ class Hypothesis:
     left: Callable[[U8], U8] = _as_it_is
     right: Callable[[U8], U8] = _as_it_is
     rig: Callable[[StereoRig], StereoRig] | None = None
-    bent: bool = False
+    rows: Literal["aligned", "shifted", "bent"] = "aligned"
     depth: Callable[[AnyArray, StoredDepth], F32] | None = None
     placed: Callable[[F32], F32] = _as_it_is
     baseline: float = 1.0
@@ -170,7 +170,8 @@ PAIRS = (
     ),
     Hypothesis("the images of one camera are negative", BACK, right=lambda image: 255 - image),
     Hypothesis("the images are rectified already", "give the calibration of the rectified images", rig=_rectified),
-    Hypothesis("the images are not rectified yet", "give the calibration of the images as they are", bent=True),
+    Hypothesis("the images of one camera are shifted up or down", "cut the images of both alike", rows="shifted"),
+    Hypothesis("the images are not rectified yet", "give the calibration of the images as they are", rows="bent"),
     Hypothesis("the lenses of left and right are exchanged", "exchange them in the calibration", rig=_of_other_cameras),
     Hypothesis("the pose of the right camera is inverted", "store right_SE3_left, not left_SE3_right", rig=_inverted),
     *(

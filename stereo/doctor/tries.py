@@ -27,9 +27,9 @@ WIDTH = 320
 """Frames are looked at this wide [px] (for speed)."""
 CORNERS, ROW_PX = 80, 1.0
 """Corners tried in a frame, and the row offset from which on one does not count [px of WIDTH]."""
-MIN_BENT, BENT_STEPS, BENT_WORTH = 60, 10, 0.8
-"""Fewest corners that show how rows bend, steps of the robust fit of that, and what a corner is then worth: eight
-numbers are fitted to them."""
+MIN_BENT, BENT_STEPS, FITTED_WORTH = 60, 10, 0.8
+"""Fewest corners that show how rows bend, steps of the robust fit of that, and what a corner is worth where rows are
+fitted to them."""
 VIEW_M = 0.4, 20.0
 """Median depth of views with people in them [m]; other readings of depth need no search for a floor."""
 CAMERA_M, CAMERA_SPREAD = 2.5, 0.5
@@ -96,7 +96,8 @@ class PairsUnder:
         self.hypothesis = hypothesis
         self._rectifier = Rectifier(hypothesis.rig(rig) if hypothesis.rig else rig, RectifyParams(working_px=WIDTH))
         self._shots, self._matches, self._tried = shots, np.empty((0, 4)), 0
-        self._possible = is_ideal(rig) or not hypothesis.bent
+        self._rows = hypothesis.rows
+        self._possible = is_ideal(rig) or self._rows == "aligned"
 
     def _rectified(self, shot: Shot) -> Rectified | None:
         """None where images as they would be are of another size than the calibration's."""
@@ -106,23 +107,24 @@ class PairsUnder:
 
     def aligned(self, count: int) -> float:
         """Share of the corners of the first pairs that lie on their rows, nearer than infinity."""
-        reach, search_px = 0.25 * WIDTH, 24 if self.hypothesis.bent else 6
+        reach, search_px = 0.25 * WIDTH, 6 if self._rows == "aligned" else 24
         for shot in self._shots[self._tried : count]:
             self._tried += 1
             if self._possible and (pair := self._rectified(shot)) is not None:
                 greys = pair.left_grey, pair.right_grey
                 found = match_corners(*greys, reach, -reach, features=CORNERS, search_px=search_px)
-                farthest = -reach if self.hypothesis.bent else -0.5  # where infinity is, raw images do not show
+                farthest = -0.5 if self._rows == "aligned" else -reach  # where infinity is, raw images do not show
                 self._matches = np.concatenate([self._matches, found[found[:, 0] - found[:, 2] > farthest]])
         near = np.maximum(0.0, 1.0 - (self._offsets / ROW_PX) ** 2)
-        worth = BENT_WORTH if self.hypothesis.bent else 1.0
-        return worth * float(near.sum()) / (CORNERS * max(self._tried, 1))
+        return (1.0 if self._rows == "aligned" else FITTED_WORTH) * float(near.sum()) / (CORNERS * max(self._tried, 1))
 
     @property
     def _offsets(self) -> F64:
         """(N,) row offsets of the corners; where they may, without what changes smoothly over the image."""
         offsets = self._matches[:, 3]
-        if not self.hypothesis.bent or len(offsets) < MIN_BENT:
+        if self._rows == "shifted" and len(offsets):
+            return np.asarray(offsets - np.median(offsets))
+        if self._rows != "bent" or len(offsets) < MIN_BENT:
             return offsets
         x, y, x_right = 2 * self._matches[:, :3].T / WIDTH - 1
         basis, weights = np.column_stack([x**0, x, y, x * x, x * y, y * y, x_right, x_right * y]), np.ones(len(x))

@@ -62,7 +62,7 @@ TIMING_FAULTS = (
 )  # fmt: skip
 IMAGE_FAULTS = (
     Fault("rows one pixel off", images(lambda i, n: np.roll(i, 1, axis=0), ["right"]), warns="row offset"),
-    Fault("rows far off", images(lambda i, n: np.roll(i, 5, axis=0), ["right"]), 1, "causes that were tried"),
+    Fault("rows far off", images(lambda i, n: np.roll(i, 5, axis=0), ["right"]), 1, "one camera are shifted up or down"),
     Fault("compressed to blocks", images(blocks), warns="compression"),
     Fault("over-exposed", images(lambda i, n: np.clip(i.astype(np.float32) * 1.9, 0, 255).astype(np.uint8)), warns="over-exposure"),
     Fault("dark", images(lambda i, n: i // 6), warns="under-exposure"),
