@@ -83,6 +83,12 @@ def pair_faults(rig: StereoRig) -> list[Fault]:
 
     pose, ideal = rig.right_SE3_left, rectified_rig(lambda: rig, rig)[0]
     inverse = SE3(pose.inverse().rotation, -pose.inverse().translation)
+    aligned = rectified(rig)
+
+    def shifted(a: AnyArray, b: AnyArray) -> tuple[AnyArray, AnyArray]:
+        left, right = aligned(a, b)
+        return left, np.roll(right, len(right) // 60, axis=0)
+
     lenses = replace(rig, left=rig.right, right=rig.left)
     sizes = {"twice": 2.0, "1.5 times": 1.5, "two thirds of": 2 / 3, "half": 0.5}
     found = [Fault(""), Fault("left and right are exchanged", lambda a, b: (b, a))]
@@ -99,6 +105,7 @@ def pair_faults(rig: StereoRig) -> list[Fault]:
             for unit, metre in LENGTHS.items()
         ),
         Fault("the images are not rectified yet", head=lambda head: replace(head, rig=ideal)),
+        Fault("the images of one camera are shifted up or down", shifted, lambda head: replace(head, rig=ideal)),
         Fault(FIELDS.name, late=1, woven=True),
         Fault(COLOURS.name, lambda a, b: (a, b[..., ::-1])),
         *(Fault(LATE["right camera"].name, late=n) for n in (1, 2)),
