@@ -192,11 +192,11 @@ def _rms(values: pandas.Series[float]) -> float:
 
 
 def _share(rows: pandas.DataFrame, column: str) -> tuple[float, float, float] | float:
-    """The share of rows that hold, and the 95 % interval by drawing people of scenes anew."""
+    """The share of rows that hold, and the 95 % interval by resampling the people of scenes."""
     if not len(rows):
         return float("nan")
     counts = rows.groupby(["scene", rows.true_id.fillna(rows.id)])[column].agg(["sum", "count"]).to_numpy(np.float64)
-    drawn = np.random.default_rng(0).integers(len(counts), size=(500, len(counts)))
-    held, of = counts[drawn].sum(axis=1).T
+    sampled = np.random.default_rng(0).integers(len(counts), size=(500, len(counts)))
+    held, of = counts[sampled].sum(axis=1).T
     low, high = np.quantile(held / of, [0.025, 0.975])
     return float(rows[column].mean()), float(low), float(high)

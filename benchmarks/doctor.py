@@ -21,7 +21,7 @@ from planview.checks.scene import delay_of
 from planview.checks.timing import MotionWatch, thumbnails
 from stereo.depth import DEPTH_UNITS, metres
 from stereo.doctor.explain import RAW_UNITS, explain, explain_colours, explain_fields, place_of_depth
-from stereo.doctor.hypotheses import BESIDE, COLOURS, FIELDS, LATE, LENGTHS, REGISTER, WHICH
+from stereo.doctor.hypotheses import COLOURS, FIELDS, LATE, LENGTHS, OFFSET_DEPTH, REGISTER, WHICH
 from stereo.readers import open_any
 from stereo.readers.state import rectified_rig
 from stereo.recording import Decoded, DepthCamera, Pair, Recording
@@ -159,7 +159,7 @@ def depth_faults(head: DepthCamera) -> list[Fault]:
             stored(lambda z: np.where(z > 0, 2500.0 * units / np.maximum(z, 1), 0)),
         ),
         *(Fault(f"depth is {how} against its image", stored(DONE[how])) for how in against),
-        Fault(BESIDE.name, stored(lambda z: np.roll(z, -round(0.04 * z.shape[1]), axis=1))),
+        Fault(OFFSET_DEPTH.name, stored(lambda z: np.roll(z, -round(0.04 * z.shape[1]), axis=1))),
         Fault("the camera hangs upside down", both(2)),
         *(Fault(LATE["depth"].name, late=n) for n in (1, 2)),
     ]
@@ -191,8 +191,8 @@ def faulty(recording: Recording[Any], fault: Fault, read: Read) -> Recording[Any
     units, last = getattr(head, "depth_units", None), recording.n_frames - 1 - fault.late
 
     def decode(indices: Sequence[int] | None) -> Generator[tuple[Decoded, Decoded], None, None]:
-        wanted = [i for i in (range(last + 1) if indices is None else indices) if i <= last]
-        for (a, now), (later, b) in zip(read(wanted), read([i + fault.late for i in wanted]), strict=True):
+        frames = [i for i in (range(last + 1) if indices is None else indices) if i <= last]
+        for (a, now), (later, b) in zip(read(frames), read([i + fault.late for i in frames]), strict=True):
             # The second camera shows at ``now`` what the first shows later.
             first, second = a.image, b.image
             if first is None or second is None or later.image is None or now.image is None:
@@ -217,8 +217,8 @@ def named(recording: Recording[Any], consecutive: bool) -> str:
         found = explain_colours(spread) or explain_fields(spread) or explain(recording)
     else:
         place = place_of_depth(spread).found
-        beside = place if place and place.hypothesis.remedy == REGISTER else None  # a warning: where there is a floor
-        found = (None if beside else place) or explain(recording) or beside
+        offset = place if place and place.hypothesis.remedy == REGISTER else None  # a warning: where there is a floor
+        found = (None if offset else place) or explain(recording) or offset
     if found or not consecutive:
         return found.names if found else ""
     run = recording.at(list(range(first, min(first + FRAMES, recording.n_frames))))

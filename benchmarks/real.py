@@ -115,8 +115,8 @@ def ahead_of_heads(tracks: Trajectories, truth: Trajectories, frame_s: float) ->
     normal, right = np.zeros((n, 3, 3)), np.zeros((n, 3, 1))
     np.add.at(normal, step_of.reshape(-1), unknowns.transpose(0, 2, 1) @ unknowns)
     np.add.at(right, step_of.reshape(-1), unknowns.transpose(0, 2, 1) @ off_m[..., None])
-    drawn = np.random.default_rng(0).multinomial(n, np.full(n, 1.0 / n), size=500)
-    times = np.concatenate([np.ones((1, n)), drawn])
+    sampled = np.random.default_rng(0).multinomial(n, np.full(n, 1.0 / n), size=500)
+    times = np.concatenate([np.ones((1, n)), sampled])
     ahead_cm = 100.0 * (np.linalg.pinv(np.tensordot(times, normal, 1)) @ np.tensordot(times, right, 1))[:, 0, 0]
     low, high = np.quantile(ahead_cm[1:], [0.025, 0.975])
     return float(ahead_cm[0]), float(low), float(high)

@@ -100,9 +100,9 @@ def automatic_exposure(lights: dict[str, Any], duration_s: float) -> tuple[tuple
     for lamp in lights["lamps"]:
         dim = np.array(lamp.get("dim", ((0.0, 1.0),)))
         total += lamp["level"] * np.interp(times, dim[:, 0], dim[:, 1])
-    wanted, exposure = total[0] / total, np.ones(len(times))
+    target, exposure = total[0] / total, np.ones(len(times))
     for k in range(1, len(times)):
-        exposure[k] = exposure[k - 1] + 0.1 / EXPOSURE_DELAY_S * (wanted[k] - exposure[k - 1])
+        exposure[k] = exposure[k - 1] + 0.1 / EXPOSURE_DELAY_S * (target[k] - exposure[k - 1])
     return tuple((float(t), float(e)) for t, e in zip(times, exposure, strict=True))
 
 

@@ -236,13 +236,13 @@ def larger_counts(images: Iterable[U8], given: tuple[int, int]) -> tuple[int, in
 
 def complete_charuco(board: Board, images: Sequence[U8], *, any_dictionary: bool, any_marker: bool) -> Board:
     """The ChArUco board with the dictionary, marker size and layout that find most in a few images."""
-    greys, wanted = [as_grey(image) for image in images[:3]], (board.cols + 1) * (board.rows + 1) // 2
+    greys, n_ids = [as_grey(image) for image in images[:3]], (board.cols + 1) * (board.rows + 1) // 2
 
     def markers(number: int) -> int:
         """Those of a dictionary whose ids the board can hold."""
         detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(number))
         found = [detector.detectMarkers(grey)[1] for grey in greys]
-        return sum(len({int(i) for i in np.asarray(ids).ravel() if i < wanted}) for ids in found if ids is not None)
+        return sum(len({int(i) for i in np.asarray(ids).ravel() if i < n_ids}) for ids in found if ids is not None)
 
     def corners(one: Board) -> int:
         detector = Detector(one)

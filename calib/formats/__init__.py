@@ -218,11 +218,11 @@ def refuse_strange_camera(one: Camera, side: str) -> None:
     u, v = (grid.ravel() for grid in np.meshgrid(*(np.linspace(0.25, 0.75, 5) * length for length in one.size)))
     straight = np.hypot((u - one.cx) / one.fx, (v - one.cy) / one.fy)
     with np.errstate(all="ignore"):
-        bent = np.linalg.norm(one.unproject(np.column_stack([u, v]))[:, :2], axis=1)
+        distorted = np.linalg.norm(one.unproject(np.column_stack([u, v]))[:, :2], axis=1)
     # Rays through the middle half of an image lie within this factor of where they were without distortion; a fisheye
     # of 200 deg has 2.4.
     most = 10.0
-    if not ((bent <= most * straight + 1e-3) & (straight <= most * bent + 1e-3)).all():
+    if not ((distorted <= most * straight + 1e-3) & (straight <= most * distorted + 1e-3)).all():
         shown = ", ".join(f"{k:g}" for k in one.distortion)
         raise ValueError(f"expected a {side} lens that shows the middle of its image, found distortion ({shown})")
 

@@ -282,15 +282,15 @@ def _background(size: tuple[int, int], samples: Sequence[HumanSample], video: Re
     canvas: U8 = np.full((size[1], size[0], 3), 60, dtype=np.uint8)
     if video is None:
         return canvas
-    wanted = {s.frame: s for s in samples if s.frame >= 0}
+    by_frame = {s.frame: s for s in samples if s.frame >= 0}
     for frame in video:
         image = as_colour(frame.image)
         if frame.index == 0:
             canvas = image.copy()
-        if sample := wanted.get(frame.index):
+        if sample := by_frame.get(frame.index):
             left, top, width, height = (round(v) for v in sample.box_px)
             part = np.s_[max(0, top - 4) : top + height + 4, max(0, left - 4) : left + width + 4]
             canvas[part] = image[part]
-        if frame.index >= max(wanted, default=0):
+        if frame.index >= max(by_frame, default=0):
             break
     return canvas

@@ -16,7 +16,8 @@ from planview.output.finished import EditedRun, edit_run, refine_run, undo_edits
 from planview.output.run_folder import RunFolder
 from planview.trajectories.file import TrajectoryFile, limited, region_of
 from planview.trajectories.formats import FORMATS, ExportName, load_file, prepared, tracks_file, write_file
-from planview.trajectories.layouts import METRES, stream_jsonl
+from planview.trajectories.layouts import stream_jsonl
+from planview.trajectories.rows import METRES
 from planview.trajectories.table import Trajectories, people_of
 
 if TYPE_CHECKING:

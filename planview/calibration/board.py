@@ -130,8 +130,8 @@ def _in_folder(folder: Path) -> tuple[list[Files], Sequence[Path]]:
         return (_paired(left, right) if left else [(file,) for file in images]), ()
     if len(left) == len(right) == 1 or len(videos) == 1:
         return [], (left + right) or videos
-    wanted = "left and right images or videos, or images or a video side by side"
-    raise InputError(f"{folder}: expected {wanted}, found {len(videos) or 'no images or'} videos")
+    needed = "left and right images or videos, or images or a video side by side"
+    raise InputError(f"{folder}: expected {needed}, found {len(videos) or 'no images or'} videos")
 
 
 def _paired(left: Sequence[Path], right: Sequence[Path]) -> list[Files]:

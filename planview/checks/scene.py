@@ -275,7 +275,7 @@ def floor_checks(floor: Floor | None, refused: str = "") -> list[Check]:
 
 
 OUTDATED_DEG, OUTDATED_M = 2.0, 0.10
-"""A floor that is further from the one that the images show puts the heads of people 6 cm beside their places, or makes
+"""A floor that is further from the one that the images show puts the heads of people 6 cm off their places, or makes
 people 10 cm taller or smaller; right ones of rendered rooms are within 0.4 degrees and 1 cm."""
 OUTDATED_DEVIATIONS = 4.0
 """And as many standard deviations of the one that the images show."""
@@ -304,7 +304,7 @@ def given_floor_check(seen: PairFrames | DepthFrames, given: SE3, found: Floor, 
 
 
 def _is_other_plane(seen: PairFrames | DepthFrames, given: SE3, found: Floor) -> bool:
-    """Whether a given floor is there beside the plane that was found, as below a table; or hidden below it, so that
+    """Whether a given floor is there next to the plane that was found, as below a table; or hidden below it, so that
     people are as tall as they are above the given one only."""
     geometry = seen.rectifier.geometry
     points = back_project(geometry.depth(median_image(seen.disparities)), geometry)

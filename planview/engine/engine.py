@@ -127,13 +127,20 @@ class Engine:
         ahead: frames that iteration measures ahead in a thread of their own; 0 for one thread.
     """
 
-    def __init__(self, recording: Trackable, config: Config, heads: Sequence[Head], tracker: Tracker) -> None:
-        """Join the maps of the heads. Raises InputError: the floor that they cover together is larger than a grid may
-        be."""
+    def __init__(
+        self,
+        recording: Trackable,
+        config: Config,
+        heads: Sequence[Head],
+        tracker: Tracker,
+        camera_source: str = "given",
+    ) -> None:
+        """Join the maps of the heads; ``camera_source`` says where the calibration of a single camera is from. Raises
+        InputError: the floor that they cover together is larger than a grid may be."""
         self.recording, self.config, self.heads, self.tracker = recording, config, tuple(heads), tracker
         self.camera, self.size = heads[0].camera, heads[0].size
         self.ahead, self._last_s = min(head.ahead for head in heads), -math.inf
-        self.camera_source = "given"  # or the file of a single camera, by its name
+        self._camera_source = camera_source
         self.rigs = {head.name: head.rig for head in heads if head.rig is not None}
         self.stereo: FloorRig | None = None
         if heads[0].rig is not None:
@@ -235,7 +242,7 @@ class Engine:
 
     def floor_info(self) -> FloorInfo | None:
         """The floor as ``run.json`` has it; None where there is no calibrated camera."""
-        return floor_info(self.camera, self.stereo, self.camera_source)
+        return floor_info(self.camera, self.stereo, self._camera_source)
 
     def reset(self) -> None:
         """Forget all frames: people, background and feedback."""

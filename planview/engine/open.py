@@ -123,8 +123,8 @@ def engine_of(
             follower = _image_tracker(_that_fits(tracker, "image", recording), config, ground_camera)
         refuse_untimed(recording)
         head = CameraHead(config.single_camera, first.size, follower, ground_camera)
-        engine = Engine(recording, config, [head], follower)
-        engine.camera_source = camera.name if isinstance(camera, Path) else "given"
+        source = camera.name if isinstance(camera, Path) else "given"
+        engine = Engine(recording, config, [head], follower, source)
         if study:
             engine.study(max(1, round(recording.fps / OVERVIEW_HZ)))
         return engine

@@ -259,12 +259,10 @@ def _prediction_histories(
         then = np.searchsorted(tracks.frame[k[matched[track]]], predicted.frame[rows]) - 1
         rows, then = rows[then >= 0], then[then >= 0]
         person = truth.track_id[t[matched[track]]][then]
-        wanted = predicted.frame[rows] * len(ids) + np.searchsorted(ids, person)
-        at = order[np.searchsorted(place, wanted, sorter=order).clip(max=len(order) - 1)]
+        keys = predicted.frame[rows] * len(ids) + np.searchsorted(ids, person)
+        at = order[np.searchsorted(place, keys, sorter=order).clip(max=len(order) - 1)]
         away = np.hypot(predicted.x_m[rows] - people.x_m[at], predicted.y_m[rows] - people.y_m[at])
-        histories.append(
-            PredictionHistory(track, predicted.frame[rows], person, (place[at] == wanted) & (away > gate_m))
-        )
+        histories.append(PredictionHistory(track, predicted.frame[rows], person, (place[at] == keys) & (away > gate_m)))
     return histories
 
 

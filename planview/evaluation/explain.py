@@ -11,6 +11,7 @@ import cmath
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import cached_property
 from itertools import product
 from typing import NamedTuple
 
@@ -195,8 +196,12 @@ class _Tracks:
         self._near = None if on_floor else CLOSE_BOX * float(np.median(tracks.box_px[:, 3]))
         rows = self.rows_of(tracks)
         self._space, self.voters = cKDTree(rows.in_space), rows.thinned(VOTED_ON)
-        self._moving = movements(tracks, rows).thinned(VOTED_ON)
+        self._table, self._rows = tracks, rows
         self._covered, self._size = (rows.frame.min(), rows.frame.max()), np.ptp(rows.at, axis=0).max()
+
+    @cached_property
+    def _moving(self) -> _Rows:
+        return movements(self._table, self._rows).thinned(VOTED_ON)
 
     def rows_of(self, table: Trajectories) -> _Rows:
         return _Rows.of(table, self._near)
@@ -222,17 +227,17 @@ class _Tracks:
         frames, offset = voted_shift(rows, self.voters), voted_offset(rows, self.voters)
         yield self.explained(clauses, rows)
         yield self.explained([*clauses, _late(frames)], rows.moved(frames, np.zeros(2)))
-        yield self.explained([*clauses, self._beside(offset)], rows.moved(0, offset))
+        yield self.explained([*clauses, self._away(offset)], rows.moved(0, offset))
         offset = voted_offset(rows.moved(voted_shift(movements(changed, rows), self._moving), np.zeros(2)), self.voters)
         frames = voted_shift(rows.moved(0, offset), self.voters)
-        yield self.explained([*clauses, _late(frames), self._beside(offset)], rows.moved(frames, offset))
+        yield self.explained([*clauses, _late(frames), self._away(offset)], rows.moved(frames, offset))
 
-    def _beside(self, offset: F64) -> str:
+    def _away(self, offset: F64) -> str:
         if self._near is not None:
             x, y = np.round(-self._near * offset).astype(int).tolist()
-            return f"its boxes lie {x:+d}, {y:+d} px beside the tracks"
+            return f"its boxes are {x:+d}, {y:+d} px from the tracks"
         x, y = (0.01 * np.round(-100 * CLOSE_M * offset).astype(int)).tolist()
-        return f"it lies {x:+.2f}, {y:+.2f} m beside the tracks (align them)"
+        return f"it is {x:+.2f}, {y:+.2f} m from the tracks (align them)"
 
 
 def _late(frames: int) -> str:
@@ -307,7 +312,7 @@ def voted_shift(truth: _Rows, tracks: _Rows) -> int:
 
 
 def voted_offset(truth: _Rows, tracks: _Rows) -> F64:
-    """(2,) by which the tracks lie beside the truth, by pairs of rows of one frame [units of what is near]."""
+    """(2,) from the truth to the tracks, by pairs of rows of one frame [units of what is near]."""
     order = np.argsort(tracks.frame, kind="stable")
     frames = tracks.frame[order]
     low, high = np.searchsorted(frames, truth.frame - 0.5), np.searchsorted(frames, truth.frame + 0.5)

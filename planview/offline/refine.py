@@ -19,7 +19,7 @@ import numpy as np
 from calib.errors import InputError
 from calib.types import F64, Bool
 from planview.tracking import body
-from planview.tracking.explain.person import KNOWN_LOG_ODDS
+from planview.tracking.explain.identity import KNOWN_LOG_ODDS
 from planview.tracking.joint.ranges import JointParams
 from planview.tracking.kalman import FloorKalman
 from planview.trajectories.table import Trajectories, concatenated, rows_by_id

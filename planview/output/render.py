@@ -163,13 +163,13 @@ def scene_pictures_of(
     composer: SceneComposer, frames: SceneFrames | None, first: int, last: int, every: int
 ) -> Iterator[U8]:
     """Pictures of every n-th frame; a frame that cannot be read shows the image before it."""
-    wanted = deque(range(first, last + 1, every))
+    frames_due = deque(range(first, last + 1, every))
     if frames is None:
-        yield from (composer(frame, None) for frame in wanted)
+        yield from (composer(frame, None) for frame in frames_due)
         return
     for index, image in frames.through(first, last):
-        while wanted and wanted[0] <= index:
-            yield composer(wanted.popleft(), image)
+        while frames_due and frames_due[0] <= index:
+            yield composer(frames_due.popleft(), image)
 
 
 def write_still(composer: SceneComposer, frames: SceneFrames | None, frame: int, path: Path) -> None:

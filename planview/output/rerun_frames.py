@@ -137,10 +137,10 @@ class RerunFrames:
         self._stream.log(trails, rr.Points3D(feet, colors=colours, radii=0.03))
         self._stream.log("plan/people", rr.Points3D(feet, colors=colours, radii=0.05))
         floor, image = shapes.facing_shapes(tracks, self._engine.camera)
-        for path, drawn in (("world/facing", floor), ("plan/facing", floor), ("image/facing", image)):
-            self._stream.log(path, *drawn)
-        ids, beside = [str(track.track_id) for track in tracks], [(x + shapes.LABEL_M, y, 0.06) for x, y, _ in places]
-        self._stream.log("plan/labels", rr.Points3D(beside, colors=colours, labels=ids, radii=0.001))
+        for path, parts in (("world/facing", floor), ("plan/facing", floor), ("image/facing", image)):
+            self._stream.log(path, *parts)
+        ids, label_at = [str(track.track_id) for track in tracks], [(x + shapes.LABEL_M, y, 0.06) for x, y, _ in places]
+        self._stream.log("plan/labels", rr.Points3D(label_at, colors=colours, labels=ids, radii=0.001))
 
     def _log_series(self, result: FrameResult) -> None:
         values = {f"time_ms/{stage}": duration for stage, duration in result.stages_ms.items()}

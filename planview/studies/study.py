@@ -196,11 +196,11 @@ class Study(Params):
         return itertools.product(*(s if isinstance(s, list) else map(s.nth, range(s.steps)) for s in spaces))
 
     def _draws(self) -> Iterator[tuple[Any, ...]]:
-        """Many more than are wanted, since some are equal."""
+        """Many more than are needed, since some are equal."""
         generator = np.random.default_rng(self.search_seed)
         for _ in range(20 * self.samples):
-            drawn = [(space, float(generator.random())) for space in self.parameters.values()]
-            yield tuple(s.at(at) if isinstance(s, Range) else s[int(at * len(s))] for s, at in drawn)
+            sampled = [(space, float(generator.random())) for space in self.parameters.values()]
+            yield tuple(s.at(at) if isinstance(s, Range) else s[int(at * len(s))] for s, at in sampled)
 
 
 def load_study(path: Path) -> Study:

@@ -214,10 +214,10 @@ def _run(
     jobs: Sequence[StudyJob | JobResult], workers: AbstractContextManager[Client], console: Console
 ) -> list[JobResult]:
     """Results in the order of the jobs."""
-    wanted = {job.scores_file: job for job in jobs if isinstance(job, StudyJob)}
-    earlier = {key: figures for key, job in wanted.items() if (figures := read_object(job.scores_file))}
+    jobs_by_file = {job.scores_file: job for job in jobs if isinstance(job, StudyJob)}
+    earlier = {key: figures for key, job in jobs_by_file.items() if (figures := read_object(job.scores_file))}
     ended = {key: Done(key, figures) for key, figures in earlier.items()}
-    if left := {key: job for key, job in wanted.items() if key not in earlier}:
+    if left := {key: job for key, job in jobs_by_file.items() if key not in earlier}:
         with workers as client, Progress(*Progress.get_default_columns(), MofNCompleteColumn(), console=console) as bar:
             ended |= {done.key: done for done in _tracked(left, client, bar)}
 

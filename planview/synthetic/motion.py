@@ -185,9 +185,9 @@ def motion_from_ticks(
     along = np.arctan2(velocity[:, 1], velocity[:, 0])
     # Along the movement while moving, else as the step has it, else unchanged; turned smoothly the short way.
     current = float(np.deg2rad(person.face_deg))
-    wanted = np.where(speed > 0.25, along, face)
-    held = np.empty_like(wanted)
-    for i, value in enumerate(wanted):
+    desired = np.where(speed > 0.25, along, face)
+    held = np.empty_like(desired)
+    for i, value in enumerate(desired):
         if np.isfinite(value):
             current += float(np.angle(np.exp(1j * (value - current))))
         held[i] = current
@@ -293,11 +293,11 @@ def _step(walker: _Walker, t: float, others: F64, moving: F64, obstacles: Obstac
     to_goal = walker.goal - walker.place
     distance = float(np.linalg.norm(to_goal))
     speed = 0.0 if t < walker.rest_until else min(walker.speed, distance / 0.4)
-    wanted = to_goal / max(distance, 1e-9) * speed
+    desired = to_goal / max(distance, 1e-9) * speed
     angle = np.arctan2(to_goal[1], to_goal[0]) + _FAN_TURNS
     fan = max(speed, 0.4) * _FAN_SPEEDS[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
-    candidates = np.concatenate([wanted[None], np.zeros((1, 2)), fan.reshape(-1, 2)])
-    cost = np.linalg.norm(candidates - wanted, axis=1) + 0.35 * np.linalg.norm(candidates - walker.velocity, axis=1)
+    candidates = np.concatenate([desired[None], np.zeros((1, 2)), fan.reshape(-1, 2)])
+    cost = np.linalg.norm(candidates - desired, axis=1) + 0.35 * np.linalg.norm(candidates - walker.velocity, axis=1)
     cost += _danger(walker.place, candidates, others, moving)
     for ahead in (0.25, 0.6, 1.0):
         gap = obstacles.distance(walker.place + ahead * candidates)

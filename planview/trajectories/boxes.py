@@ -194,11 +194,13 @@ def _of_classes(table: F64, kind: int, path: Path, truth: bool) -> tuple[Bool, F
     of_mot = benchmark and truth and not named
     excuses = np.isin(classes, DISTRACTORS if of_mot and usual == (1,) else ())
     if not person.any():
-        listed, wanted = listed_numbers(np.unique(classes)), listed_numbers(people)
-        expected = f"rows of people (class {wanted} in column {kind + 7}), found class {listed}"
+        listed, expected_classes = listed_numbers(np.unique(classes)), listed_numbers(people)
+        expected = f"rows of people (class {expected_classes} in column {kind + 7}), found class {listed}"
         if truth and benchmark:
             flags = listed_numbers(np.unique(more[:, 0]))
-            expected = f"truth rows that count (flag 1, class {wanted}: person), found class {listed}, flags {flags}"
+            expected = (
+                f"truth rows that count (flag 1, class {expected_classes}: person), found class {listed}, flags {flags}"
+            )
         raise InputError(f"{path}: expected {expected}")
     note = "" if of_mot else left_out(people, np.setdiff1d(classes, people), f"column {kind + 7}")
     score = more[:, 1 - kind] if more.shape[1] > 1 else np.full(len(table), np.nan)

@@ -17,7 +17,7 @@ import numpy as np
 
 from calib.errors import InputError, WorkError
 from calib.io import entries, expecting, read_text, reason, require_file, whole_file
-from planview.trajectories import layouts
+from planview.trajectories import layouts, rows
 from planview.trajectories.boxes import named_columns, read_motchallenge, write_motchallenge
 from planview.trajectories.file import TrajectoryFile, checked_rate, surrounding_area
 from planview.trajectories.table import (
@@ -97,8 +97,8 @@ def _load(path: Path, truth: bool) -> TrajectoryFile:
         return read_motchallenge(path, truth=truth)
     is_ours = {"frame", "id", "x_m", "y_m"} <= {name.strip('" \r') for name in re.split("[,;\t]", line)}
     is_short = is_table and len(re.split(r"[\s,;]+", line.strip())) < 6
-    if not is_ours and (is_short or line.startswith("#") or layouts.columns_of(text)):
-        return layouts.read_rows(path, text)
+    if not is_ours and (is_short or line.startswith("#") or rows.columns_of(text)):
+        return rows.read_rows(path, text)
     if is_table:
         return read_motchallenge(path, truth=truth)
     return TrajectoryFile(read_truth(path) if truth else read_tracks(path))
@@ -135,7 +135,7 @@ def _write_text(write: Callable[[IO[str], Trajectories], None], path: Path, file
 
 
 FORMATS: dict[ExportName, ExportFormat] = {
-    "pedpy": ExportFormat(".txt", layouts.write_petrack, False),
+    "pedpy": ExportFormat(".txt", rows.write_petrack, False),
     "ped-data-archive": ExportFormat(".h5", layouts.write_ped_data_archive, False),
     "jupedsim": ExportFormat(".sqlite", layouts.write_jupedsim, False),
     "motchallenge": ExportFormat(".txt", write_motchallenge, False, needs_floor=False),
@@ -148,7 +148,7 @@ FORMATS: dict[ExportName, ExportFormat] = {
 def write_file(path: Path, file: TrajectoryFile, name: ExportName, unit: Literal["m", "cm"] = "m") -> None:
     """Write what ``prepared`` gives, in the unit that pedpy alone has. Raises WorkError: the file cannot be written;
     what was there is kept. InputError: a package is missing."""
-    write = partial(layouts.write_petrack, unit=unit) if name == "pedpy" else FORMATS[name].write
+    write = partial(rows.write_petrack, unit=unit) if name == "pedpy" else FORMATS[name].write
     try:
         with whole_file(path) as part:
             write(part, file)

@@ -42,7 +42,7 @@ STATES = ("tentative", "confirmed", "lost")
 PERSON_S = 0.5
 """A track is a person once it is confirmed for so long in all [s]. Flickers of foreground are shorter,
 people who cross the view are observed for longer."""
-HEIGHTS_M, SPEED_MAX_MPS, SPAN_MIN_M, IDS_PER_FRAME_MAX = (0.3, 3.0), 6.0, 0.3, 10
+HEIGHTS_M, FASTEST_MPS, SPAN_MIN_M, IDS_PER_FRAME_MAX = (0.3, 3.0), 6.0, 0.3, 10
 """Beyond these a table does not hold people: the smallest and the tallest, the fastest marathon, the room that two of
 them need, and how many of a crowd pass in a frame."""
 IGNORED = -1.0
@@ -371,7 +371,7 @@ def doubt(table: Trajectories) -> str:
         heights += [float(np.median(sizes))] if len(sizes) else []
         steps = np.hypot(np.diff(known.x_m[rows]), np.diff(known.y_m[rows])) / np.diff(times[rows])
         speeds += [float(np.median(steps))] if len(steps) else []
-    for values, (low, high), unit in ((heights, HEIGHTS_M, "m tall"), (speeds, (0.0, SPEED_MAX_MPS), "m/s fast")):
+    for values, (low, high), unit in ((heights, HEIGHTS_M, "m tall"), (speeds, (0.0, FASTEST_MPS), "m/s fast")):
         if odd := [value for value in values if not low <= value <= high]:
             found.append(f"{len(odd)} of {ids} people would be {np.median(odd):.3g} {unit}")
     if ids > 1 and (span := max(np.ptp(known.x_m), np.ptp(known.y_m))) < SPAN_MIN_M:

@@ -37,7 +37,7 @@ SURELY = 3.0
 """And another state of a pair explains its rows and floor by this factor better than what was recorded does."""
 ROWS_WEIGHT = 10.0
 """Corners on their rows are worth this many times as much as points on a floor of the same share: a mirrored view of a
-camera that looks straight down has a floor, and on its rows are a tenth fewer corners, of some hundred."""
+camera that candidates straight down has a floor, and on its rows are a tenth fewer corners, of some hundred."""
 TURNED_ODDS = 100.0
 """Odds against a camera, or images, that are upside down where a plane alone says so: it may be a ceiling or a wall,
 and people who stand on it decide."""
@@ -125,16 +125,22 @@ def explain_pair(recording: Recording[Pair], search: FloorSearch | None = None) 
     """The hypothesis under which a recording of pairs fits and does not as it is; None where there is none."""
     search, rig = search or FloorSearch(), recording.head.rig
     shots = [frame.images for frame in recording.sample(SPREAD_FRAMES)]
-    looks = [tries.PairsUnder(hypothesis, rig, shots) for hypothesis in (hypotheses.AS_RECORDED, *hypotheses.PAIRS)]
-    first = [look.aligned(FIRST_FRAMES) for look in looks]
-    looks = [look for look, share in zip(looks, first, strict=True) if share >= 0.5 * max(first) or look is looks[0]]
-    shares = np.array([look.aligned(len(shots)) for look in looks])
+    candidates = [
+        tries.PairsUnder(hypothesis, rig, shots) for hypothesis in (hypotheses.AS_RECORDED, *hypotheses.PAIRS)
+    ]
+    first = [candidate.aligned(FIRST_FRAMES) for candidate in candidates]
+    candidates = [
+        candidate
+        for candidate, share in zip(candidates, first, strict=True)
+        if share >= 0.5 * max(first) or candidate is candidates[0]
+    ]
+    shares = np.array([candidate.aligned(len(shots)) for candidate in candidates])
     if shares.max() < ALIGNED:
         return None
     if shares[0] >= ALIGNED:  # what lies on its rows is rectified
-        shares[[look.hypothesis.rows != "aligned" for look in looks]] = 0.0
+        shares[[candidate.hypothesis.rows != "aligned" for candidate in candidates]] = 0.0
     likely = [int(k) for k in np.argsort(-shares, kind="stable") if shares[k] >= shares.max() / BETTER]
-    views = {k: view_of(looks[k].depths(), looks[k].geometry, search) for k in likely}
+    views = {k: view_of(candidates[k].depths(), candidates[k].geometry, search) for k in likely}
     floors = any(view.floor for view in views.values())
     scores = {k: ROWS_WEIGHT * math.log(shares[k]) + (views[k].plausible if floors else 0.0) for k in likely}
     own, margin = scores.get(0, -math.inf), SURELY
@@ -142,11 +148,13 @@ def explain_pair(recording: Recording[Pair], search: FloorSearch | None = None) 
         own, margin = ROWS_WEIGHT * math.log(shares[0]) + NO_FLOOR, TURNED_ODDS
     rows = "matched corners are on their rows within {:.1f} px of 640 and {}"
     explained = [
-        _Try(looks[k].hypothesis, scores[k], rows.format(looks[k].rows_px, views[k]), margin) for k in likely if k
+        _Try(candidates[k].hypothesis, scores[k], rows.format(candidates[k].rows_px, views[k]), margin)
+        for k in likely
+        if k
     ]
     if (found := _clearly(explained, own)) or 0 not in views:
         return found
-    depths, geometry = looks[0].depths(), looks[0].geometry
+    depths, geometry = candidates[0].depths(), candidates[0].geometry
     return _by_floor(
         [(hypothesis, taken(hypothesis, depths, geometry, search)) for hypothesis in hypotheses.VIEWS], views[0]
     )
@@ -249,5 +257,5 @@ def place_of_depth(frames: Sequence[Frame[Shot]]) -> PlaceOfDepth:
     if peaks[best] > BETTER * max(peaks[0], 0.5 * EDGES_MIN):
         found = Explained(hypotheses.PLACES[best - 1], f"edges fit by {peaks[best]:.2f} in place of {peaks[0]:.2f}")
     elif max(abs(across), abs(down)) > SHIFT_PX_MAX and peaks[0] > BETTER * scores[0][tries.REACH_PX]:
-        found = Explained(hypotheses.BESIDE, where)
+        found = Explained(hypotheses.OFFSET_DEPTH, where)
     return PlaceOfDepth((across, down), found)

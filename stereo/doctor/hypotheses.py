@@ -39,8 +39,8 @@ class Hypothesis:
         exchanged: whether left and right are to be exchanged.
         left, right: make the image of a side, once they are exchanged, what it should be.
         rig: makes the calibration of a pair what it should be.
-        rows: what row offsets may be where the calibration is that of rectified images: "shifted" alike, or "bent", as
-            lenses and turned cameras make them.
+        rows: what row offsets may be where the calibration is that of rectified images: "shifted" alike, or "curved",
+            as lenses and turned cameras make them.
         depth: makes (H, W) metres along the axis of (H, W) stored values.
         placed: lays depth, or a map of it, onto the image.
         baseline: factor to the baseline.
@@ -53,7 +53,7 @@ class Hypothesis:
     left: Callable[[U8], U8] = _as_it_is
     right: Callable[[U8], U8] = _as_it_is
     rig: Callable[[StereoRig], StereoRig] | None = None
-    rows: Literal["aligned", "shifted", "bent"] = "aligned"
+    rows: Literal["aligned", "shifted", "curved"] = "aligned"
     depth: Callable[[AnyArray, StoredDepth], F32] | None = None
     placed: Callable[[F32], F32] = _as_it_is
     baseline: float = 1.0
@@ -171,7 +171,7 @@ PAIRS = (
     Hypothesis("the images of one camera are negative", BACK, right=lambda image: 255 - image),
     Hypothesis("the images are rectified already", "give the calibration of the rectified images", rig=_rectified),
     Hypothesis("the images of one camera are shifted up or down", "cut the images of both alike", rows="shifted"),
-    Hypothesis("the images are not rectified yet", "give the calibration of the images as they are", rows="bent"),
+    Hypothesis("the images are not rectified yet", "give the calibration of the images as they are", rows="curved"),
     Hypothesis("the lenses of left and right are exchanged", "exchange them in the calibration", rig=_of_other_cameras),
     Hypothesis("the pose of the right camera is inverted", "store right_SE3_left, not left_SE3_right", rig=_inverted),
     *(
@@ -210,11 +210,11 @@ PLACES = (
 )
 """Of depth on its image, whose edges it has. Unregistered depth has the size of another lens: 0.92 of Kinects, 0.72 of
 RealSense."""
-BESIDE = Hypothesis("depth is not registered to its image but lies beside it", REGISTER)
+OFFSET_DEPTH = Hypothesis("depth is not registered to its image but offset from it", REGISTER)
 LATE = {
     "right camera": Hypothesis("the cameras are not synchronous, or one of them is numbered one higher", TIMES),
     "depth": Hypothesis("depth and its image are not of one time", TIMES),
 }
 """Of time: what moves, moves in both at once."""
-HYPOTHESES = (*PAIRS, COLOURS, FIELDS, *VIEWS, *DEPTHS, *PLACES, BESIDE, *LATE.values())
+HYPOTHESES = (*PAIRS, COLOURS, FIELDS, *VIEWS, *DEPTHS, *PLACES, OFFSET_DEPTH, *LATE.values())
 UNEXPLAINED = f"none of {len(HYPOTHESES)} causes that were tried explains it"

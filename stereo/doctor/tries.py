@@ -27,7 +27,7 @@ WIDTH = 320
 """Frames are looked at this wide [px] (for speed)."""
 CORNERS, ROW_PX = 80, 1.0
 """Corners tried in a frame, and the row offset from which on one does not count [px of WIDTH]."""
-MIN_BENT, BENT_STEPS, FITTED_WORTH = 60, 10, 0.8
+MIN_CURVED, CURVED_STEPS, FITTED_WORTH = 60, 10, 0.8
 """Fewest corners that show how rows bend, steps of the robust fit of that, and what a corner is worth where rows are
 fitted to them."""
 VIEW_M = 0.4, 20.0
@@ -124,11 +124,11 @@ class PairsUnder:
         offsets = self._matches[:, 3]
         if self._rows == "shifted" and len(offsets):
             return np.asarray(offsets - np.median(offsets))
-        if self._rows != "bent" or len(offsets) < MIN_BENT:
+        if self._rows != "curved" or len(offsets) < MIN_CURVED:
             return offsets
         x, y, x_right = 2 * self._matches[:, :3].T / WIDTH - 1
         basis, weights = np.column_stack([x**0, x, y, x * x, x * y, y * y, x_right, x_right * y]), np.ones(len(x))
-        for _ in range(BENT_STEPS):
+        for _ in range(CURVED_STEPS):
             smooth = basis @ np.linalg.lstsq(basis * weights[:, None], offsets * weights, rcond=None)[0]
             weights = 1.0 / (1.0 + ((offsets - smooth) / ROW_PX) ** 2)
         return np.asarray(offsets - smooth, dtype=np.float64)

@@ -227,11 +227,11 @@ class SeveralHeads:
 
     def at(self, indices: Sequence[int]) -> Iterator[Frame[Shot]]:
         """The usable ones of these frames, whose indices ascend; all before them are read."""
-        wanted = set(indices)
+        requested = set(indices)
         for frame in self:
-            if frame.index > max(wanted, default=-1):
+            if frame.index > max(requested, default=-1):
                 return
-            if frame.index in wanted:
+            if frame.index in requested:
                 yield frame
 
 

@@ -293,7 +293,7 @@ class Page:
         self.refresh()
 
     def _ask(self, sentence: str) -> None:
-        """A solution that is not enough is written only when that is wanted."""
+        """A solution that is not enough is written only on request."""
         with ui.dialog(value=True) as dialog, ui.card():
             ui.label(sentence)
 

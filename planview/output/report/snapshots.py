@@ -79,7 +79,7 @@ SPREAD = 3
 """Pictures spread over the run besides the busiest frame."""
 
 
-class _Wanted(NamedTuple):
+class _Request(NamedTuple):
     """A picture to be made of a frame; or of one at each of STRIP_S, cropped to a person."""
 
     title: str
@@ -105,7 +105,7 @@ def scene_pictures(results: RunFolder, errors: Sequence[SignificantError]) -> Sc
 
     groups = _overview(results), _strips(results, errors), _crossings(results)
     try:
-        made = iter(_paint(results, open_frames(results), [wanted for group in groups for wanted in group]))
+        made = iter(_paint(results, open_frames(results), [request for group in groups for request in group]))
     except (InputError, WorkError) as error:
         return ScenePictures([], [], [], f"No pictures of the scene: {error}.")
     overview, strips, crossings = ([p for p in islice(made, len(group)) if p is not None] for group in groups)
@@ -122,76 +122,78 @@ def busiest_frame(results: RunFolder) -> int | None:
     return int(longest[len(longest) // 2])
 
 
-def _overview(results: RunFolder) -> list[_Wanted]:
+def _overview(results: RunFolder) -> list[_Request]:
     busiest = busiest_frame(results)
     if busiest is None:
         return []
     peopled = np.unique(results.tracks.frame[results.of_people])
     spread = [int(peopled[len(peopled) * part // (SPREAD + 1)]) for part in range(1, SPREAD + 1)]
     titles = [("Busiest frame", busiest), *(("", frame) for frame in spread)]
-    return [_Wanted(title, _when(results, frame), (frame,)) for title, frame in titles]
+    return [_Request(title, _when(results, frame), (frame,)) for title, frame in titles]
 
 
-def _strips(results: RunFolder, errors: Sequence[SignificantError]) -> list[_Wanted]:
-    wanted, last = [], max(0, results.n_frames - 1)
+def _strips(results: RunFolder, errors: Sequence[SignificantError]) -> list[_Request]:
+    requests, last = [], max(0, results.n_frames - 1)
     for error in errors[:ERRORS_MAX]:
         frames = tuple(min(max(error.frame + round(s / results.clock.frame_s), 0), last) for s in STRIP_S)
         title, note = f"{error.kind.replace('_', ' ')}: {error.who}", f"{_when(results, error.frame)}: {error.note}"
-        wanted.append(_Wanted(title, note, frames, (error.truth_id, error.track_id)))
-    return wanted
+        requests.append(_Request(title, note, frames, (error.truth_id, error.track_id)))
+    return requests
 
 
-def _crossings(results: RunFolder) -> list[_Wanted]:
+def _crossings(results: RunFolder) -> list[_Request]:
     events = [event for event in results.events if event.kind == "crossing"]
     spread = np.unique(np.linspace(0, len(events) - 1, min(len(events), ERRORS_MAX)).round().astype(int))
-    wanted = []
+    requests = []
     for event in (events[i] for i in spread):
         way = way_words(event.direction, results.rule_counts.get(event.rule, {}).get("inward"))
         note = f"{_when(results, event.frame)}: track {event.track_id} {way}"
-        wanted.append(_Wanted(event.rule, note, (event.frame,)))
-    return wanted
+        requests.append(_Request(event.rule, note, (event.frame,)))
+    return requests
 
 
 def _when(results: RunFolder, frame: int) -> str:
     return f"frame {frame}, {float(results.clock.at(np.array([frame]))[0]):.1f} s"
 
 
-def _paint(results: RunFolder, frames: SceneFrames, wanted: Sequence[_Wanted]) -> list[Picture | None]:
+def _paint(results: RunFolder, frames: SceneFrames, requests: Sequence[_Request]) -> list[Picture | None]:
     """Read every frame once, in order; a picture whose frames cannot be read is None."""
     painter = ImagePainter(results.camera, results.rules, results.bounds())
     tiles: dict[tuple[int, int], U8] = {}
     # Trails of 4 s.
     trail = round(4.0 / results.clock.frame_s)
-    for frame, image in frames.at(sorted({frame for want in wanted for frame in want.frames})):
+    for frame, image in frames.at(sorted({frame for request in requests for frame in request.frames})):
         snapshot = snapshot_at(results.tracks, frame, trail, results.truth)
         painted = painter(image, snapshot)
-        for n, want in enumerate(wanted):
-            if frame in want.frames:
-                place = _place(snapshot, want.focus, results.camera) if want.focus else None
+        for n, request in enumerate(requests):
+            if frame in request.frames:
+                place = _place(snapshot, request.focus, results.camera) if request.focus else None
                 scale = painted.shape[1] / image.shape[1]
-                tiles[n, frame] = painted if want.focus is None else _crop(painted, place, scale)
-    return [_picture(want, [tiles.get((n, frame)) for frame in want.frames]) for n, want in enumerate(wanted)]
+                tiles[n, frame] = painted if request.focus is None else _crop(painted, place, scale)
+    return [
+        _picture(request, [tiles.get((n, frame)) for frame in request.frames]) for n, request in enumerate(requests)
+    ]
 
 
-def _picture(want: _Wanted, tiles: Sequence[U8 | None]) -> Picture | None:
+def _picture(request: _Request, tiles: Sequence[U8 | None]) -> Picture | None:
     known = [tile for tile in tiles if tile is not None]
     if not known:
         return None
-    if want.focus is None:
-        return picture(want.title, encode_image(known[0], quality=QUALITY), want.note, kind="jpeg")
+    if request.focus is None:
+        return picture(request.title, encode_image(known[0], quality=QUALITY), request.note, kind="jpeg")
     row = []
     for tile, time_s in zip(tiles, STRIP_S, strict=True):
         shown = np.full((TILE_PX, TILE_PX, 3), 128, dtype=np.uint8) if tile is None else tile
         Labels(shown).put(f"{time_s:+.1f} s" if time_s else "0 s", (0, TILE_PX), (30, 30, 30))
         row += [shown, np.full((TILE_PX, 4, 3), 128, dtype=np.uint8)]
     strip = encode_image(np.hstack(row[:-1]), quality=QUALITY)
-    return picture(want.title, strip, want.note, is_strip=True, kind="jpeg")
+    return picture(request.title, strip, request.note, is_strip=True, kind="jpeg")
 
 
 def _place(snapshot: Snapshot, focus: tuple[int | None, int | None], camera: FloorCamera | None) -> F64 | None:
     """Where the person concerned is in the image [px]: by the truth, else by the track."""
-    for people, wanted in ((snapshot.truth, focus[0]), (snapshot.people, focus[1])):
-        for person in (p for p in people if p.track_id == wanted):
+    for people, focused in ((snapshot.truth, focus[0]), (snapshot.people, focus[1])):
+        for person in (p for p in people if p.track_id == focused):
             left, top, width, height = person.box_px
             if np.isfinite(left):
                 return np.array([left + width / 2, top + height / 2])

@@ -51,7 +51,7 @@ class ParticleFilter(Carried):
         self._place(-1, ellipse, size, np.zeros(2), self._speed_mps)
 
     def find_again(self, n: int, ellipse: F64, size: Size, velocity: F64) -> None:
-        """Sample object n anew around a measured ellipse; velocity (2,) in cells per second."""
+        """Sample object n again around a measured ellipse; velocity (2,) in cells per second."""
         self._place(n, ellipse, size, velocity, self._speed_mps / 2)
 
     def _place(self, n: int, ellipse: F64, size: Size, velocity: F64, speed_mps: float) -> None:

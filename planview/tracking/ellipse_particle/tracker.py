@@ -381,7 +381,7 @@ class EllipseParticleTracker(Carried):
         return self._image_size[1] / self._shape[1]
 
     def _grid(self, size: Size, foreground: U8) -> tuple[int, int]:
-        """Rows and columns of the grid on which a person in the middle row has the wanted length in cells."""
+        """Rows and columns of the grid on which a person in the middle row has the required length in cells."""
         height, width = self._image_size
         cell_px = 2.0 * float(size.half_lengths(np.array(height / 2))) / PERSON_CELLS
         n_cols = max(8, min(foreground.shape[1], round(width / cell_px)))

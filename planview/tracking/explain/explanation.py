@@ -21,8 +21,8 @@ STEPS_M = np.array([0.12, 0.05])
 PLACE_STD_MIN_M = 0.02
 """A place is never known better [m]: a body leans and swings."""
 SHARED_DISPARITY_PX = 0.06
-"""Deviation of the error of disparity that all pixels of a body share: calibration, and matching drawn to whole pixels
-[px]."""
+"""Deviation of the error of disparity that all pixels of a body share: calibration, and matching that prefers whole
+pixels [px]."""
 BOX_HALF_M = 0.4
 """Half width of the box that a body is in [m]."""
 ANYBODY = np.array([body.HEIGHT_MEAN_M, body.HEIGHT_STD_M])

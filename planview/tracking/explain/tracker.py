@@ -16,8 +16,9 @@ from planview.tracking.base import NO_BOX, Box, Decision, DecisionKind, LifeCycl
 from planview.tracking.explain.births import EVIDENCE_MAX
 from planview.tracking.explain.explanation import STEPS_M, Explanation, Found, Owned, People, Samples
 from planview.tracking.explain.facing import FacingBelief
+from planview.tracking.explain.identity import Exchanges, continued
 from planview.tracking.explain.params import PeopleParams
-from planview.tracking.explain.person import Exchanges, Person, colour_counts, continued
+from planview.tracking.explain.person import Person, colour_counts
 from planview.tracking.explain.samples import KNOWN, PARTS
 from planview.tracking.kalman import FloorKalman
 from planview.trajectories.state import TrackState

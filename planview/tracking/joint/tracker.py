@@ -12,7 +12,8 @@ from planview.tracking import body
 from planview.tracking.base import DecisionKind, Drawing, Needs, Observation, TrackerDebug, person_boxes
 from planview.tracking.explain.births import SEARCH_PRIOR, Births, odds_of_moving
 from planview.tracking.explain.explanation import Explanation, Owned, People, Samples
-from planview.tracking.explain.person import KNOWN_LOG_ODDS, Person, colour_ratios, side_by_side
+from planview.tracking.explain.identity import KNOWN_LOG_ODDS
+from planview.tracking.explain.person import Person, colour_ratios, side_by_side
 from planview.tracking.explain.tracker import ExplainingTracker
 from planview.tracking.joint.ranges import JointParams, likelihood_of_ranges
 from planview.tracking.kalman import FloorKalman
@@ -71,7 +72,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         predicted = {person.track_id: person.kalman for person in self._people}
         frame = Explanation(views, self._likelihood)
         coloured = self._expects_colours(frame)
-        damaged = observation.unknown or coloured > frame.coloured
+        damaged = observation.unknown or (coloured and not frame.coloured)
         if damaged:
             for person in self._people:
                 person.blind_s += dt

@@ -14,7 +14,7 @@ from calib.params import described, tables_of
 from calib.pose import SE3
 from calib.types import F32
 from planview.engine.config import Config, FeedbackParams, config_of, load_config
-from planview.engine.head import Feedback
+from planview.engine.feedback import Feedback
 from planview.engine.info import camera_info
 from planview.engine.setup import set_up
 from planview.foreground.params import BACKGROUND, NO_FEEDBACK, PERSON

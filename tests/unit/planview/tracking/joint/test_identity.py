@@ -11,7 +11,8 @@ from toy_people import look_at, oblique_camera
 from planview.maps.view import CODES
 from planview.tracking import body
 from planview.tracking.explain.explanation import Explanation, upright
-from planview.tracking.explain.person import SHAPE_STD_M, Exchanges, Person, _log_odds, alike, colours_of
+from planview.tracking.explain.identity import Exchanges, _log_odds, alike, colours_of
+from planview.tracking.explain.person import SHAPE_STD_M, Person
 from planview.tracking.joint import JointTracker
 from planview.tracking.joint.ranges import JointParams
 from planview.tracking.kalman import FloorKalman
