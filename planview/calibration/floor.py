@@ -17,7 +17,7 @@ from calib.floor.plane import FLOOR_DISPARITY_STD_PX
 from calib.images import as_colour
 from calib.rig import Floor
 from calib.types import F32, F64, U8
-from planview.drawing.people import Project, grid_lines
+from planview.drawing.image import Project, grid_lines
 from planview.trajectories.table import Trajectories
 from stereo.depth import RectifiedGeometry, median_image
 from stereo.floor import FloorSearch, spread_frames

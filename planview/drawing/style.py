@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from calib.images import as_colour
-from calib.types import F32, F64, U8
+from calib.types import F32, F64, I32, U8
 
 Rgb = tuple[int, int, int]
 TRUTH: Rgb = (20, 20, 20)
@@ -17,19 +17,24 @@ ERRORS: dict[str, Rgb] = {
     "lost": (214, 39, 40), "missed": (255, 127, 14), "swapped": (148, 103, 189), "transferred": (227, 119, 194),
     "false_track": (23, 140, 160),
 }  # fmt: skip
-"""Of the significant errors."""
+"""Colours of the significant errors."""
 TRIPWIRE: Rgb = (176, 0, 32)
 ZONE: Rgb = (160, 127, 0)
 
 
 def as_bgr(rgb: Rgb) -> Rgb:
-    """For OpenCV."""
+    """Colour for OpenCV."""
     return rgb[::-1]
 
 
 def as_hex(rgb: Rgb) -> str:
-    """For pages and matplotlib: "#rrggbb"."""
+    """Colour for pages and matplotlib: "#rrggbb"."""
     return "#{:02x}{:02x}{:02x}".format(*rgb)
+
+
+def paint_line(picture: U8, pixels: I32, colour: Rgb, width: int = 2, closed: bool = False) -> None:
+    """Draw a line through (N, 2) pixels, or around an area."""
+    cv2.polylines(picture, [pixels], closed, as_bgr(colour), width, cv2.LINE_AA)
 
 
 def disparity_colours(disparity: F32, smallest_px: float, largest_px: float) -> U8:
@@ -41,39 +46,55 @@ def disparity_colours(disparity: F32, smallest_px: float, largest_px: float) -> 
 
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 _PAD_PX = 3
+WHITE_TEXT_BELOW = 152.0
+"""Text is white on backgrounds darker than this grey level, else black."""
 
 
 class Labels:
     """Puts labels into an (H, W, 3) uint8 BGR picture, each where no earlier one is; size 1 is 11 px high capitals."""
 
     def __init__(self, picture: U8, size: float = 1.0) -> None:
-        self._picture, self._size = picture, 0.45 * size
-        self._taken: list[tuple[int, int, int, int]] = []
+        self._picture = picture
+        self._size = 0.45 * size
+        self._boxes: list[tuple[int, int, int, int]] = []
 
     def put(self, text: str, at_px: Sequence[float] | F64, background: Rgb) -> None:
         """Text in a box whose lower left corner is at a pixel or, where that is occupied or outside, as near above as
         possible."""
-        (width, height), base = cv2.getTextSize(text, FONT, self._size, 1)
-        width, height = width + 2 * _PAD_PX, height + base + _PAD_PX
-        left = int(np.clip(at_px[0], 0, max(0, self._picture.shape[1] - width)))
-        top = int(np.clip(at_px[1] - height, 0, max(0, self._picture.shape[0] - height)))
-        for place in [*range(top, -1, -2), *range(top, self._picture.shape[0] - height, 2)]:
-            box = a = left, place, left + width, place + height
-            if not any(a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3] for b in self._taken):
-                break
-        else:
-            box = left, top, left + width, top + height
-        self._taken.append(box)
-        at = box[0] + _PAD_PX, box[3] - base
-        cv2.rectangle(self._picture, box[:2], box[2:], as_bgr(background), -1)
-        # Text is white on backgrounds darker than this [levels of 255].
-        dark = float(np.dot(background, (0.299, 0.587, 0.114))) < 152.0
-        colour = (255, 255, 255) if dark else (0, 0, 0)
+        (text_width, text_height), base = cv2.getTextSize(text, FONT, self._size, 1)
+        width = text_width + 2 * _PAD_PX
+        height = text_height + base + _PAD_PX
+        free_columns = max(0, self._picture.shape[1] - width)
+        free_rows = max(0, self._picture.shape[0] - height)
+        left = int(np.clip(at_px[0], 0, free_columns))
+        nearest_top = int(np.clip(at_px[1] - height, 0, free_rows))
+        top = self._free_top(left, nearest_top, width, height)
+        self._boxes.append((left, top, left + width, top + height))
+        cv2.rectangle(self._picture, (left, top), (left + width, top + height), as_bgr(background), cv2.FILLED)
+        grey_level = float(np.dot(background, (0.299, 0.587, 0.114)))
+        colour = (255, 255, 255) if grey_level < WHITE_TEXT_BELOW else (0, 0, 0)
+        at = (left + _PAD_PX, top + height - base)
         cv2.putText(self._picture, text, at, FONT, self._size, colour, 1, cv2.LINE_AA)
+
+    def _free_top(self, left: int, top: int, width: int, height: int) -> int:
+        """The row nearest above, else below, at which a box covers no earlier one; the same row where there is none."""
+        above = range(top, -1, -2)
+        below = range(top, self._picture.shape[0] - height, 2)
+        rows: list[int] = [*above, *below]
+        for row in rows:
+            if not any(_overlap((left, row, left + width, row + height), box) for box in self._boxes):
+                return row
+        return top
+
+
+def _overlap(a: tuple[int, int, int, int], b: tuple[int, int, int, int]) -> bool:
+    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
 
 
 STRIP_PX = 26
-_SIZE, _INK, _PAPER = 0.42, (40, 40, 40), (255, 255, 255)
+_SIZE = 0.42
+_INK = (40, 40, 40)
+_PAPER = (255, 255, 255)
 
 
 class Entry(NamedTuple):
@@ -85,11 +106,13 @@ class Entry(NamedTuple):
 
 def with_legend(picture: U8, entries: Sequence[Entry]) -> U8:
     """(h, W, 3) uint8 BGR: the (H, W[, 3]) picture, and below it squares of colour with their meaning."""
-    strip, x = _strip(picture), 8
+    strip = _strip(picture)
+    x = 8
     for colour, text in entries:
         width = _width(text)
         if x > 8 and x + 20 + width > strip.shape[1]:
-            strip, x = np.vstack([strip, _strip(picture)]), 8
+            strip = np.vstack([strip, _strip(picture)])
+            x = 8
         top = strip.shape[0] - STRIP_PX
         cv2.rectangle(strip, (x, top + 6), (x + 13, top + 19), as_bgr(colour), -1)
         cv2.putText(strip, text, (x + 19, top + 17), FONT, _SIZE, _INK, 1, cv2.LINE_AA)
@@ -101,14 +124,18 @@ def with_colour_bar(picture: U8, colormap: int, low: str, high: str, entries: Se
     """The picture, and below it the scale of OpenCV's colormap with its ends in words, then other colours' meaning."""
     strip = _strip(picture)
     start = 14 + _width(low)
-    stop = max(start + 40, min(strip.shape[1] - 14 - _width(high), start + 256))
-    levels = np.tile(np.linspace(0, 255, stop - start).astype(np.uint8), (13, 1))
-    shown = np.asarray(cv2.applyColorMap(levels, colormap), dtype=np.uint8)[:, : max(0, strip.shape[1] - start)]
-    strip[6:19, start : start + shown.shape[1]] = shown
-    for text, x in ((low, 8), (high, stop + 6)):
-        cv2.putText(strip, text, (x, 17), FONT, _SIZE, _INK, 1, cv2.LINE_AA)
+    stop = min(strip.shape[1] - 14 - _width(high), start + 256)
+    stop = max(start + 40, stop)
+    levels = np.linspace(0, 255, stop - start).astype(np.uint8)
+    bar = np.asarray(cv2.applyColorMap(np.tile(levels, (13, 1)), colormap), dtype=np.uint8)
+    space = strip[6:19, start:stop]
+    space[:] = bar[:, : space.shape[1]]
+    cv2.putText(strip, low, (8, 17), FONT, _SIZE, _INK, 1, cv2.LINE_AA)
+    cv2.putText(strip, high, (stop + 6, 17), FONT, _SIZE, _INK, 1, cv2.LINE_AA)
     whole = np.vstack([as_colour(picture), strip])
-    return with_legend(whole, entries) if entries else whole
+    if not entries:
+        return whole
+    return with_legend(whole, entries)
 
 
 def _strip(picture: U8) -> U8:

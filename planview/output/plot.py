@@ -13,7 +13,7 @@ import numpy as np
 from calib.errors import InputError
 from calib.images import as_colour
 from calib.types import U8
-from planview.drawing.people import from_above
+from planview.drawing.plan import from_above
 from planview.output.folder import writing
 from planview.output.run_folder import RunFolder
 from planview.trajectories.plot import (

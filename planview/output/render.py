@@ -19,7 +19,9 @@ from calib.io import PART
 from calib.libraries import import_open3d
 from calib.types import U8
 from planview.counting.events import Event, way_words
-from planview.drawing.people import ImagePainter, PlanBounds, PlanPainter, Snapshot, snapshot_at
+from planview.drawing.image import ImagePainter
+from planview.drawing.people import Snapshot, snapshot_at
+from planview.drawing.plan import PlanBounds, PlanPainter
 from planview.engine.config import Config
 from planview.engine.open import open_source
 from planview.engine.setup import set_up

@@ -12,7 +12,7 @@ import rerun as rr
 
 from calib.errors import InputError, WorkError
 from calib.io import reason, refuse_full_disk, sync
-from planview.drawing.people import bounds_of
+from planview.drawing.plan import bounds_of
 from planview.engine.engine import Engine, FrameResult
 from planview.output import rerun_shapes as shapes
 from planview.output.folder import rrd_parts

@@ -14,7 +14,8 @@ import rerun.blueprint as rrb
 from calib.floor_camera import FloorCamera
 from calib.images import as_colour, encode_image
 from calib.types import F32, U8, Bool
-from planview.drawing.people import PlanBounds, faces_surely, facing_line, from_above
+from planview.drawing.people import faces_surely, facing_line
+from planview.drawing.plan import PlanBounds, from_above
 from planview.drawing.style import disparity_colours
 from planview.engine.engine import Engine, FrameResult
 from planview.maps.grid import FloorRig

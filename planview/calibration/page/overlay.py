@@ -13,7 +13,7 @@ from calib.types import F64
 from planview.calibration.page.marks import Handle, handle_points
 from planview.calibration.page.session import CalibrationSession
 from planview.calibration.people import crowd, floor_around
-from planview.drawing.people import grid_lines
+from planview.drawing.image import grid_lines
 
 GIVEN, FLOOR, SELECTED, ODD = "#0a84ff", "#ffcc00", "#ffffff", "#ff453a"
 _TEMPLATE = Environment(autoescape=True, undefined=StrictUndefined).from_string(

@@ -14,7 +14,8 @@ import numpy as np
 from calib.images import encode_image
 from calib.types import F64, I64, Bool
 from planview.counting.totals import Clock
-from planview.drawing.people import PlanPainter, facing_line, paint_facing
+from planview.drawing.people import facing_line, paint_facing
+from planview.drawing.plan import PlanPainter
 from planview.drawing.style import ERRORS, TRUTH, Labels, as_bgr, as_hex
 from planview.evaluation.significant import SignificantError
 from planview.maps.recording import is_maps

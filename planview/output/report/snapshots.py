@@ -15,7 +15,8 @@ from calib.floor_camera import FloorCamera
 from calib.images import encode_image
 from calib.types import F64, U8
 from planview.counting.events import way_words
-from planview.drawing.people import ImagePainter, Snapshot, snapshot_at
+from planview.drawing.image import ImagePainter
+from planview.drawing.people import Snapshot, snapshot_at
 from planview.drawing.style import Labels
 from planview.evaluation.significant import SignificantError
 from planview.output.report.plots import Picture, picture

@@ -7,19 +7,10 @@ import pytest
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from calib.types import U8
-from planview.drawing.people import (
-    ARROW_M,
-    AXIS_M,
-    ImagePainter,
-    PlanBounds,
-    PlanPainter,
-    Rule,
-    Snapshot,
-    bounds_of,
-    facing_line,
-    rules_of,
-    snapshot_at,
-)
+from planview.drawing.image import ImagePainter
+from planview.drawing.people import ARROW_M, AXIS_M, Snapshot, facing_line, snapshot_at
+from planview.drawing.plan import PlanBounds, PlanPainter, bounds_of
+from planview.drawing.rules import Rule, rules_of
 from planview.drawing.style import STRIP_PX, Entry, Labels, as_bgr, with_colour_bar, with_legend
 from planview.trajectories.plot import person_rgb
 from planview.trajectories.state import TrackState
