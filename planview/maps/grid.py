@@ -17,6 +17,8 @@ from stereo.matcher import DisparityRange
 
 MAX_CELLS = 4_000_000
 """Largest map that is accepted; 4 million cells of 3 cm are a hall of 60 m x 60 m."""
+MARGIN_M = 0.5
+"""Floor around everything in view that a grid covers [m]."""
 
 
 class MapParams(Params):
@@ -155,15 +157,16 @@ def floor_in_view(geometry: RectifiedGeometry, world_SE3_left: SE3, params: MapP
     rays = geometry.rays(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
     depths = np.linspace(0.2, reach, 60)
     points = world_SE3_left @ (rays[:, None, :] * depths[None, :, None])
-    inside = (points[..., 2] >= 0.0) & (points[..., 2] <= params.height_max_m)
-    out = points[..., :2] - world_SE3_left.translation[:2]
-    inside &= np.hypot(out[..., 0], out[..., 1]) <= params.distance_max_m
+    height_m = points[..., 2]
+    from_camera_m = points[..., :2] - world_SE3_left.translation[:2]
+    distance_m = np.hypot(from_camera_m[..., 0], from_camera_m[..., 1])
+    inside = (height_m >= 0.0) & (height_m <= params.height_max_m) & (distance_m <= params.distance_max_m)
     if not inside.any():
         raise ValueError("expected a camera that sees the space between floor and H_max, got none of it in view")
-    visible = points[inside]
-    margin = 0.5
-    (x0, y0), (x1, y1) = visible[:, :2].min(axis=0) - margin, visible[:, :2].max(axis=0) + margin
-    return Grid.covering(float(x0), float(y0), float(x1), float(y1), params.cell_m)
+    visible = points[inside][:, :2]
+    low = visible.min(axis=0) - MARGIN_M
+    high = visible.max(axis=0) + MARGIN_M
+    return Grid.covering(float(low[0]), float(low[1]), float(high[0]), float(high[1]), params.cell_m)
 
 
 def reach_m(geometry: RectifiedGeometry, params: MapParams) -> float:

@@ -76,45 +76,54 @@ class PlanViewMaps:
         half = round(TEMPLATE_M / 2 / self.grid.cell_m)
         row, col = self.grid.nearest(x_m, y_m)
         window = np.s_[row : row + 2 * half + 1, col : col + 2 * half + 1]
-        return np.pad(self.height, half)[window], np.pad(self.occupancy, half)[window]
+        height = np.pad(self.height, half)[window]
+        occupancy = np.pad(self.occupancy, half)[window]
+        return height, occupancy
 
 
-def accumulated(points: FloorPoints, grid: Grid, height_min_m: float) -> tuple[F32, F32]:
+def raw_maps(points: FloorPoints, grid: Grid, height_min_m: float) -> tuple[F32, F32]:
     """Highest point [m] and summed area [m^2] of every cell, of points above ``height_min_m``."""
-    corner = grid.x_min_m, grid.y_min_m, grid.cell_m
+    corner = (grid.x_min_m, grid.y_min_m, grid.cell_m)
     return accumulate(points.xyz, points.area, height_min_m, corner, grid.shape)
 
 
-def plan_view(heads: Sequence[FloorPoints], grid: Grid, params: MapParams) -> PlanViewMaps:
+def plan_view(sensors: Sequence[FloorPoints], grid: Grid, params: MapParams) -> PlanViewMaps:
     """The points of every rig to maps: accumulate, smooth, mask.
 
     Height is smoothed over occupied cells only, or edges would sink. Pixels of the maps' points are those of the rigs,
     one rig after the other.
     """
-    points = heads[0] if len(heads) == 1 else _joined(heads, grid, params.height_min_m)
-    height_raw, occupancy_raw = accumulated(points, grid, params.height_min_m)
-    height, occupancy = np.zeros_like(height_raw), np.zeros_like(occupancy_raw)
-    occupancy_min = params.occupancy_min * grid.cell_m**2
-    # Most of the floor is empty: only the part around occupied cells is worth smoothing.
+    points = sensors[0] if len(sensors) == 1 else join_points(sensors, grid, params.height_min_m)
+    height_raw, occupancy_raw = raw_maps(points, grid, params.height_min_m)
     sigma = params.smoothing_m / grid.cell_m
-    margin = 2 * math.ceil(3 * sigma)
-    left, top, width, n_rows = cv2.boundingRect((occupancy_raw > 0.0).view(np.uint8))
-    if width:
-        part = np.s_[max(0, top - margin) : top + n_rows + margin, max(0, left - margin) : left + width + margin]
-        raw = height_raw[part]
-        if sigma > 0.0:
-            occupancy[part] = _blur(occupancy_raw[part], sigma)
-            share = _blur((raw > 0.0).astype(np.float32), sigma)
-            smooth = np.divide(_blur(raw, sigma), np.maximum(share, 1e-3), dtype=np.float32)
-        else:
-            occupancy[part], smooth = occupancy_raw[part], raw
-        np.copyto(height[part], smooth, where=occupancy[part] >= np.float32(occupancy_min))
+    part = _occupied_part(occupancy_raw, margin=2 * math.ceil(3 * sigma))
+    occupancy_min = params.occupancy_min * grid.cell_m**2
+    height = np.zeros_like(height_raw)
+    occupancy = np.zeros_like(occupancy_raw)
+    smooth_height = height_raw[part]
+    occupancy[part] = occupancy_raw[part]
+    if sigma > 0.0 and occupancy[part].size:
+        occupancy[part] = _blur(occupancy_raw[part], sigma)
+        occupied_share = _blur((height_raw[part] > 0.0).astype(np.float32), sigma)
+        smooth_height = np.divide(_blur(height_raw[part], sigma), np.maximum(occupied_share, 1e-3), dtype=np.float32)
+    np.copyto(height[part], smooth_height, where=occupancy[part] >= np.float32(occupancy_min))
     return PlanViewMaps(grid, height_raw, occupancy_raw, height, occupancy, occupancy_min, points)
+
+
+def _occupied_part(occupancy: F32, margin: int) -> tuple[slice, slice]:
+    """The part around occupied cells, with a margin: most of the floor is empty and need not be smoothed."""
+    left, top, width, height = cv2.boundingRect((occupancy > 0.0).view(np.uint8))
+    if width == 0:
+        return slice(0, 0), slice(0, 0)
+    rows = slice(max(0, top - margin), top + height + margin)
+    cols = slice(max(0, left - margin), left + width + margin)
+    return rows, cols
 
 
 def _blur(image: F32, sigma: float) -> F32:
     size = 2 * max(1, round(3 * sigma)) + 1
-    return np.asarray(cv2.GaussianBlur(image, (size, size), sigma, borderType=cv2.BORDER_CONSTANT), np.float32)
+    smooth = cv2.GaussianBlur(image, (size, size), sigma, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(smooth, np.float32)
 
 
 def joint_grid(grids: Sequence[Grid]) -> Grid:
@@ -122,21 +131,26 @@ def joint_grid(grids: Sequence[Grid]) -> Grid:
     is larger than a grid may be."""
     if len(grids) == 1:
         return grids[0]
-    lower = min(g.x_min_m for g in grids), min(g.y_min_m for g in grids)
-    upper = max(g.x_max_m for g in grids), max(g.y_max_m for g in grids)
-    return Grid.covering(*lower, *upper, grids[0].cell_m)
+    x_min_m = min(grid.x_min_m for grid in grids)
+    y_min_m = min(grid.y_min_m for grid in grids)
+    x_max_m = max(grid.x_max_m for grid in grids)
+    y_max_m = max(grid.y_max_m for grid in grids)
+    return Grid.covering(x_min_m, y_min_m, x_max_m, y_max_m, grids[0].cell_m)
 
 
-def _joined(points: Sequence[FloorPoints], g: Grid, height_min_m: float) -> FloorPoints:
+def join_points(sensors: Sequence[FloorPoints], grid: Grid, height_min_m: float) -> FloorPoints:
     """All points together, each with the surface that it counts for."""
-    side = 2 * max(1, round(TEMPLATE_M / 2 / g.cell_m)) + 1
-    surface = np.stack([_around(accumulated(p, g, height_min_m)[1], side) for p in points])
-    total = surface.sum(axis=0)
-    factor = surface.max(axis=0) / np.where(total > 0, total, np.float32(1.0))  # max S / sum S, 0 without S
-    every = _concatenated(points)
-    cols = np.floor((every.xyz[:, 0] - g.x_min_m) / g.cell_m).astype(np.int64)
-    rows = np.floor((every.xyz[:, 1] - g.y_min_m) / g.cell_m).astype(np.int64)
-    inside = (cols >= 0) & (rows >= 0) & (cols < g.n_cols) & (rows < g.n_rows)
+    side = 2 * max(1, round(TEMPLATE_M / 2 / grid.cell_m)) + 1
+    surfaces = []
+    for points in sensors:
+        _, occupancy = raw_maps(points, grid, height_min_m)
+        surfaces.append(_sum_around(occupancy, side))
+    total = np.sum(surfaces, axis=0)
+    factor = np.max(surfaces, axis=0) / np.where(total > 0, total, np.float32(1.0))  # max S / sum S, 0 without S
+    every = concatenate_points(sensors)
+    cols = np.floor((every.xyz[:, 0] - grid.x_min_m) / grid.cell_m).astype(np.int64)
+    rows = np.floor((every.xyz[:, 1] - grid.y_min_m) / grid.cell_m).astype(np.int64)
+    inside = (cols >= 0) & (rows >= 0) & (cols < grid.n_cols) & (rows < grid.n_rows)
     weight = np.zeros(len(every.xyz), dtype=np.float32)
     weight[inside] = factor[rows[inside], cols[inside]]
     # Points below height_min_m are in no sum: where only they are, they keep their surface.
@@ -144,16 +158,20 @@ def _joined(points: Sequence[FloorPoints], g: Grid, height_min_m: float) -> Floo
     return replace(every, area=every.area * weight)
 
 
-def _concatenated(points: Sequence[FloorPoints]) -> FloorPoints:
+def concatenate_points(sensors: Sequence[FloorPoints]) -> FloorPoints:
     """The points of several rigs one after the other; colours only when all that have points have them."""
-    coloured = all(p.colours is not None or not len(p.xyz) for p in points)
-    colours = [p.colours for p in points if p.colours is not None]
-    xyz, area, pixels = (np.concatenate([getattr(p, name) for p in points]) for name in ("xyz", "area", "pixels"))
-    return FloorPoints(xyz, area, pixels, np.concatenate(colours) if coloured and colours else None)
+    xyz = np.concatenate([points.xyz for points in sensors])
+    area = np.concatenate([points.area for points in sensors])
+    pixels = np.concatenate([points.pixels for points in sensors])
+    colours = [points.colours for points in sensors if points.colours is not None]
+    coloured_points = sum(map(len, colours))
+    if not colours or coloured_points < len(xyz):
+        return FloorPoints(xyz, area, pixels)
+    return FloorPoints(xyz, area, pixels, np.concatenate(colours))
 
 
-def _around(occupancy: F32, side: int) -> F32:
-    """Sums over squares of cells."""
+def _sum_around(occupancy: F32, side: int) -> F32:
+    """Sums over squares of ``side`` x ``side`` cells."""
     summed: AnyArray = cv2.boxFilter(occupancy, -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT)
     # Running sums leave crumbs where nothing is.
     return np.asarray(np.where(summed > 1e-6, summed, 0.0), dtype=np.float32)
@@ -168,7 +186,8 @@ def accumulate(
     ``corner``: x and y where the grid begins, and the side of a cell [m]. Points outside the grid or lower than
     ``height_min_m`` are skipped.
     """
-    height, occupancy = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    height = np.zeros(shape, np.float32)
+    occupancy = np.zeros(shape, np.float32)
     x_min_m, y_min_m, cell_m = corner
     for i in range(len(points)):
         if points[i, 2] < height_min_m:

@@ -25,7 +25,11 @@ from planview.maps.grid import MapParams, floor_in_view, reach_m
 from planview.maps.plan_view import FloorPoints, PlanViewMaps, plan_view
 from stereo.depth import Depth, RectifiedGeometry, middle_px
 
-BACKGROUND_SEEN, SURFACE, NO_DEPTH, UNKNOWN, SHADED = range(5)
+BACKGROUND_SEEN = 0
+SURFACE = 1
+NO_DEPTH = 2
+UNKNOWN = 3
+SHADED = 4
 """Kinds of pixels: the background is seen, foreground with depth, foreground without, pixels that show nothing (no
 evidence for or against anybody), and of one camera what looks like background in a shadow."""
 LUMA_CELLS = 8
@@ -35,7 +39,8 @@ CHROMA_CELLS = len(CHROMA_EDGES) + 1
 CODES = LUMA_CELLS * CHROMA_CELLS**2
 COLOURED = np.arange(256) % CHROMA_CELLS**2 != CHROMA_CELLS**2 // 2
 """(256,) bool, by code: not grey."""
-LUMA_SPREAD, CHROMA_SPREAD = 0.75, 0.4
+LUMA_SPREAD = 0.75
+CHROMA_SPREAD = 0.4
 """Deviation of the smoothing, in cells: light differs by a fifth within a room, chroma hardly."""
 REFERENCE = Exposure()
 RENEW_S = 30.0
@@ -83,25 +88,37 @@ class PixelRays(NamedTuple):
         """
         width, height = camera.size
         rows, cols = np.mgrid[:height, :width].astype(np.float64)
-        rays, projection = camera.rays(np.stack([cols, rows], axis=-1)), camera.projection
-        length = np.linalg.norm(rays, axis=-1)
-        unit = np.nan_to_num(rays / length[..., None])
-        unit[(unit == 0).all(axis=-1)] = 0.0, 0.0, 1.0
+        rays = camera.rays(np.stack([cols, rows], axis=-1))
+        unit = np.nan_to_num(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+        unit[(unit == 0).all(axis=-1)] = (0.0, 0.0, 1.0)
         # Far from the axis of a wide lens depth vanishes.
-        stretch = 1.0 / np.maximum(unit @ projection[2, :3], 0.05)
-        disparity_metre = 1.0 if pair is None else pair.disparity_metre
-        matched = np.zeros(stretch.shape)
-        if pair is not None and pair.depth_std_min_m == 0.0:
-            matched = stretch * disparity_metre / np.maximum(middle_px(cols, step), 0.5)
-        unit = unit.astype(np.float32)
-        flat, up = np.hypot(unit[..., 0], unit[..., 1])[..., None], unit[..., 2:]
-        along = np.where(flat > 1e-6, unit[..., :2] / np.maximum(flat, 1e-6), (1.0, 0.0))
-        angles = np.arctan2(-up, flat), np.arctan2(along[..., 1:], along[..., :1])
-        level = np.concatenate([along, flat, -up, *angles], axis=-1)
+        stretch = 1.0 / np.maximum(unit @ camera.projection[2, :3], 0.05)
+        disparity_metre = 1.0
+        matched_m = np.zeros(stretch.shape)
+        if pair is not None:
+            disparity_metre = pair.disparity_metre
+            if pair.depth_std_min_m == 0.0:
+                matched_m = stretch * disparity_metre / np.maximum(middle_px(cols, step), 0.5)
         return PixelRays(
-            camera.centre_m, level.astype(np.float32), stretch.astype(np.float32), matched.astype(np.float32),
-            projection, camera.pixel_sr, disparity_metre, camera.distortion_k,
-        )  # fmt: skip
+            centre_m=camera.centre_m,
+            level=_level_and_angles(unit.astype(np.float32)),
+            stretch=stretch.astype(np.float32),
+            matched_m=matched_m.astype(np.float32),
+            projection=camera.projection,
+            pixel_sr=camera.pixel_sr,
+            disparity_metre=disparity_metre,
+            distortion_k=camera.distortion_k,
+        )
+
+
+def _level_and_angles(unit: F32) -> F32:
+    """``PixelRays.level`` of (H, W, 3) unit vectors."""
+    up = unit[..., 2:]
+    flat = np.hypot(unit[..., 0], unit[..., 1])[..., None]
+    along = np.where(flat > 1e-6, unit[..., :2] / np.maximum(flat, 1e-6), (1.0, 0.0))
+    depression = np.arctan2(-up, flat)
+    azimuth = np.arctan2(along[..., 1:], along[..., :1])
+    return np.concatenate([along, flat, -up, depression, azimuth], axis=-1).astype(np.float32)
 
 
 NO_RAYS = PixelRays(
@@ -139,8 +156,8 @@ class View:
     depth: Depth | None = None
 
     def __post_init__(self) -> None:
-        optional = self.colour, self.motion, self.renewed
-        shapes = {array.shape for array in (self.kind, self.range_m, *optional) if array is not None}
+        arrays = (self.kind, self.range_m, self.colour, self.motion, self.renewed)
+        shapes = {array.shape for array in arrays if array is not None}
         if self.rays is not NO_RAYS:
             shapes.add(self.rays.shape)
         if len(shapes) > 1:
@@ -164,18 +181,19 @@ class View:
     def unknown(
         shape: tuple[int, int], image: U8 | None = None, rays: PixelRays = NO_RAYS, depth: Depth | None = None
     ) -> View:
-        """What a camera sees in a frame that shows nothing."""
-        kind, ranges = np.full(shape, UNKNOWN, np.uint8), np.zeros(shape, np.float32)
-        return View(rays, kind, ranges, None, image=image, depth=depth)
+        """View of a frame that shows nothing."""
+        kind = np.full(shape, UNKNOWN, np.uint8)
+        range_m = np.zeros(shape, np.float32)
+        return View(rays, kind, range_m, None, image=image, depth=depth)
 
     @staticmethod
     def of_mask(foreground: U8, motion: U8 | None = None, image: U8 | None = None, shadow: U8 | None = None) -> View:
-        """Of one camera without depth; ``shadow``: (H, W) uint8, 255 where foreground was removed for its colour."""
+        """View of a camera without depth; ``shadow``: (H, W) uint8, 255 where foreground was removed for its colour."""
         kind = np.where(foreground > 0, np.uint8(NO_DEPTH), np.uint8(BACKGROUND_SEEN))
         if shadow is not None:
             kind[(shadow > 0) & (foreground == 0)] = SHADED
-        ranges = np.zeros(foreground.shape, np.float32)
-        return View(NO_RAYS, kind, ranges, None, image=image, motion=motion)
+        range_m = np.zeros(foreground.shape, np.float32)
+        return View(NO_RAYS, kind, range_m, None, image=image, motion=motion)
 
 
 class ViewBuilder(Carried):
@@ -202,13 +220,15 @@ class ViewBuilder(Carried):
     ) -> None:
         self.params = params or MapParams()
         self.grid = floor_in_view(geometry, world_SE3_left, self.params)
-        self._geometry, self._reduction = geometry, reduction
+        self._geometry = geometry
+        self._reduction = reduction
         self._left = geometry.above(world_SE3_left, reduction)
         self.shape = self._left.size[::-1]
         intrinsics = self._left.matrix[[0, 1, 0, 1], [0, 1, 2, 2]]
         self._camera = np.append(intrinsics, geometry.disparity_metre)
         self._pose = np.ascontiguousarray(world_SE3_left.matrix[:3])
-        self._limits = geometry.disparity_at(reach_m(geometry, self.params)), self.params.height_max_m
+        disparity_min_px = geometry.disparity_at(reach_m(geometry, self.params))
+        self._limits = (disparity_min_px, self.params.height_max_m)
         self.reset()
 
     def reset(self) -> None:
@@ -242,16 +262,21 @@ class ViewBuilder(Carried):
         Raises:
             ValueError: the arrays do not have the size of the geometry.
         """
-        shapes = [disparity.shape, mask.shape, *([] if image is None else [image.shape[:2]])]
+        shapes = [disparity.shape, mask.shape]
+        if image is not None:
+            shapes.append(image.shape[:2])
         if any(shape != self.shape for shape in shapes):
             raise ValueError(f"expected disparity, mask and image of {self.shape}, got {shapes}")
         xyz, area, pixels = back_project(disparity, mask, self._camera, self._pose, self._limits)
-        return FloorPoints(xyz, area, pixels, None if image is None else colour_codes(image, pixels, exposure))
+        colours = None
+        if image is not None:
+            colours = colour_codes(image, pixels, exposure)
+        return FloorPoints(xyz, area, pixels, colours)
 
     def view(
         self, points: FloorPoints, mask: U8, timestamp_s: float, renewed: F32 | None = None, depth: Depth | None = None
     ) -> View:
-        """What every pixel of a frame shows.
+        """View of a frame.
 
         Foreground as low as the floor shows that nobody is in the way, as the background does.
 
@@ -261,22 +286,30 @@ class ViewBuilder(Carried):
             renewed, depth: see ``View``.
         """
         if renewed is not None:
-            self._looked_s, self._background_m = timestamp_s, np.zeros(self.shape, np.float32)
-            far = np.float32(self.rays.disparity_metre) * self.rays.stretch
-            np.divide(far, renewed, out=self._background_m, where=renewed > 0)
-        kind = np.where(mask.reshape(-1) > 0, np.uint8(NO_DEPTH), np.uint8(BACKGROUND_SEEN))
-        low = points.xyz[:, 2] < self.params.height_min_m
-        kind[points.pixels] = np.where(low, BACKGROUND_SEEN, SURFACE)
-        range_m, colour = np.zeros(kind.size, np.float32), None
+            self._measure_background(renewed, timestamp_s)
+        kind = np.where(mask > 0, np.uint8(NO_DEPTH), np.uint8(BACKGROUND_SEEN))
+        is_low = points.xyz[:, 2] < self.params.height_min_m
+        kind.reshape(-1)[points.pixels] = np.where(is_low, BACKGROUND_SEEN, SURFACE)
+
+        range_m = np.zeros(self.shape, np.float32)
         if self._background_m is not None:
-            np.multiply(self._background_m.reshape(-1), kind == BACKGROUND_SEEN, out=range_m)
-        range_m[points.pixels] = np.linalg.norm(points.xyz - self.rays.centre_m.astype(np.float32), axis=1)
+            np.multiply(self._background_m, kind == BACKGROUND_SEEN, out=range_m)
+        from_camera = points.xyz - self.rays.centre_m.astype(np.float32)
+        range_m.reshape(-1)[points.pixels] = np.linalg.norm(from_camera, axis=1)
+
+        colour = None
         if points.colours is not None and COLOURED[points.colours].any():
             colour = np.zeros(self.shape, np.uint8)
             colour.reshape(-1)[points.pixels] = points.colours
-        kind, range_m = kind.reshape(self.shape), range_m.reshape(self.shape)
         image = None if depth is None else depth.image
         return View(self.rays, kind, range_m, colour, points, image, renewed=renewed, depth=depth)
+
+    def _measure_background(self, disparity: F32, timestamp_s: float) -> None:
+        """Take over how far the background is, from its disparity [px]."""
+        self._looked_s = timestamp_s
+        self._background_m = np.zeros(self.shape, np.float32)
+        one_px_m = np.float32(self.rays.disparity_metre) * self.rays.stretch
+        np.divide(one_px_m, disparity, out=self._background_m, where=disparity > 0)
 
 
 @kernel
@@ -293,7 +326,9 @@ def back_project(disparity: F32, mask: U8, camera: F64, pose: F64, limits: tuple
     fu, fv, cu, cv, focal_baseline = camera
     disparity_min, height_max_m = limits
     room = np.count_nonzero(mask)
-    points, area, pixels = np.empty((room, 3), np.float32), np.empty(room, np.float32), np.empty(room, np.int32)
+    points = np.empty((room, 3), np.float32)
+    area = np.empty(room, np.float32)
+    pixels = np.empty(room, np.int32)
     rows, cols = disparity.shape
     n = 0
     for row in range(rows):
@@ -340,15 +375,22 @@ def colour_codes(image: U8, pixels: I32, exposure: Exposure) -> U8:
 def encode_colours(image: U8, pixels: I32, gain: float, offset: float, codes: U8) -> None:
     """``colour_codes`` of an image (H * W, channels), in float32."""
     f = np.float32
-    g, o, scale, top = f(gain), f(offset), f(LUMA_CELLS / 256.0), f(LUMA_CELLS - 1)
+    g = f(gain)
+    o = f(offset)
+    scale = f(LUMA_CELLS / 256.0)
+    top = f(LUMA_CELLS - 1)
     for i in range(len(pixels)):
         pixel = image[pixels[i]]
         luma = f(pixel[0])
-        u = v = f(0)
+        u = f(0)
+        v = f(0)
         if len(pixel) > 1:
-            blue, green, red = f(pixel[0]), f(pixel[1]), f(pixel[2])
+            blue = f(pixel[0])
+            green = f(pixel[1])
+            red = f(pixel[2])
             luma = f(0.114) * blue + f(0.587) * green + f(0.299) * red
-            u, v = f(0.492) * (blue - luma) / g, f(0.877) * (red - luma) / g
+            u = f(0.492) * (blue - luma) / g
+            v = f(0.877) * (red - luma) / g
         code = int(min(max((luma - o) / g * scale, f(0)), top))
         for value in (u, v):
             code *= CHROMA_CELLS
