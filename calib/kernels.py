@@ -7,6 +7,7 @@ as well.
 from __future__ import annotations
 
 import inspect
+import pickle
 import re
 import warnings
 from collections.abc import Callable
@@ -15,12 +16,15 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar
+from uuid import uuid4
 
+import numba
 from numba import njit
 from numba.core.dispatcher import Dispatcher
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
+DIGEST_BYTES = sha256().digest_size
 ROOT = Path(__file__).parent.parent
 IMPORT = re.compile(r"^(?:from|import) ((?:calib|stereo|planview)\b[\w.]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
 """An import of ours at the top level of a file: neither inside a function nor only for type checkers."""
@@ -32,30 +36,83 @@ def kernel(function: Function) -> Dispatcher[Function]:
     try:
         compiled._cache = _cache_of(function)  # type: ignore[attr-defined]
     except (AttributeError, ImportError, RuntimeError, TypeError):  # other internals of numba, or no place to write
-        warnings.warn(
-            "kernels cannot be cached, which costs a minute at each start: neither planview's folder nor the user's "
-            "cache can be written (set NUMBA_CACHE_DIR to a folder that stays), or this version of numba is unknown",
-            RuntimeWarning,
-            stacklevel=1,  # one place, hence one warning
-        )
+        _warn_uncached()
     return compiled
 
 
-def _cache_of(function: Callable[..., Any]) -> Any:
-    """Numba's cache, in the folder that numba chooses; the names of its files hold the digest of the sources."""
+def _warn_uncached() -> None:
+    warnings.warn(
+        "kernels cannot be cached, which costs a minute at each start: neither planview's folder nor the user's "
+        "cache can be written (set NUMBA_CACHE_DIR to a folder that stays), or this version of numba is unknown",
+        RuntimeWarning,
+        stacklevel=1,  # one place, hence one warning
+    )
+
+
+def _cache_of(function: Callable[..., Any]) -> KernelCache:
+    """Cache in the folder that numba chooses; the names of its files hold the digest of the sources."""
     from numba.core.caching import FunctionCache  # no public name
 
-    kept, file = FunctionCache(function), Path(inspect.getfile(function))  # type: ignore[no-untyped-call]
+    numba_cache = FunctionCache(function)  # type: ignore[no-untyped-call]
+    file = Path(inspect.getfile(function))
     digest = digest_of(file)
-    _remove_old(Path(kept.cache_path), file.stem, digest)
-    kept._cache_file = type(kept._cache_file)(kept.cache_path, f"{kept._impl.filename_base}-{digest}", digest)
-    return kept
+    _remove_old(Path(numba_cache.cache_path), file.stem, digest)
+    return KernelCache(numba_cache, digest)
+
+
+class KernelCache:
+    """Compiled code on the disk, a file for each set of types, in place of numba's files and their index.
+
+    A file may be cut short by a power cut, overwritten, or closed to this user. It begins with the digest of the rest:
+    what cannot be read as it was written is compiled again and replaced.
+    """
+
+    def __init__(self, numba_cache: Any, digest: str) -> None:
+        self.cache_path: str = numba_cache.cache_path
+        self._impl = numba_cache._impl
+        self._key = numba_cache._index_key
+        self._name = f"{self._impl.filename_base}-{digest}"
+
+    def load_overload(self, types: Any, target: Any) -> Any:
+        """The code for a set of types; None where there is none that can be used."""
+        target.refresh()
+        try:
+            content = self._path(types, target.codegen()).read_bytes()
+        except OSError:
+            return None
+        digest = content[:DIGEST_BYTES]
+        data = content[DIGEST_BYTES:]
+        if sha256(data).digest() != digest:
+            return None
+        return self._impl.rebuild(target, pickle.loads(data))
+
+    def save_overload(self, types: Any, compiled: Any) -> None:
+        """Write the code for a set of types; warn where that is not possible."""
+        from numba.core.serialize import dumps  # no public name
+
+        if not self._impl.check_cachable(compiled):
+            return
+        data: bytes = dumps(self._impl.reduce(compiled))  # type: ignore[no-untyped-call]
+        path = self._path(types, compiled.codegen)
+        part = path.with_name(f"{path.name}.{uuid4().hex}")  # another process may write the same
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            part.write_bytes(sha256(data).digest() + data)
+            part.replace(path)
+        except OSError:
+            with suppress(OSError):
+                part.unlink()
+            _warn_uncached()
+
+    def _path(self, types: Any, codegen: Any) -> Path:
+        key = repr((numba.__version__, self._key(types, codegen)))
+        return Path(self.cache_path, f"{self._name}.{sha256(key.encode()).hexdigest()[:16]}.nbc")
 
 
 @cache
 def _remove_old(folder: Path, module: str, digest: str) -> None:
     """Remove what was compiled from other sources."""
-    for compiled in folder.glob(f"{module}.*.nb[ci]"):
+    for compiled in folder.glob(f"{module}.*.nb[ci]*"):
         if digest not in compiled.name:
             with suppress(OSError):  # another process was faster, or still uses it
                 compiled.unlink()

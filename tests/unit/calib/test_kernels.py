@@ -52,7 +52,41 @@ def test_kernel_has_the_edited_constant_of_another_file_and_the_old_one_is_remov
     before = kept(copy)
     (copy / "stereo" / "step.py").write_text("STEP = 7\n")
     assert start(copy).stdout == "210 0\n"
-    assert len(kept(copy)) == len(before) == 2 and not set(before) & set(kept(copy))
+    assert len(kept(copy)) == len(before) == 1 and not set(before) & set(kept(copy))
+
+
+def cut(content: bytes) -> bytes:
+    return content[:-100]
+
+
+def flipped(content: bytes) -> bytes:
+    middle = len(content) // 2
+    return content[:middle] + bytes([content[middle] ^ 0x55]) + content[middle + 1 :]
+
+
+@pytest.mark.parametrize("damage", [lambda _: b"", lambda _: os.urandom(5000), cut, flipped])
+def test_damaged_kernel_is_compiled_again_and_replaced(copy, damage):
+    assert start(copy).stdout == "60 0\n"
+    for file in (copy / "planview" / "__pycache__").iterdir():
+        file.write_bytes(damage(file.read_bytes()))
+    assert start(copy).stdout == "60 0\n"
+    assert start(copy).stdout == "60 1\n"
+
+
+def test_kernel_file_that_cannot_be_opened_is_replaced(copy):
+    assert start(copy).stdout == "60 0\n"
+    for file in (copy / "planview" / "__pycache__").iterdir():
+        file.unlink()
+        file.symlink_to("gone")
+    assert start(copy).stdout == "60 0\n"
+    assert start(copy).stdout == "60 1\n"
+
+
+def test_kernel_that_cannot_be_saved_runs_with_a_warning(copy):
+    with (copy / "planview" / "toy.py").open("a") as toy:
+        toy.write("import shutil\nshutil.rmtree('planview/__pycache__')\nopen('planview/__pycache__', 'w').close()\n")
+    done = start(copy)
+    assert done.stdout == "60 0\n" and "kernels cannot be cached" in done.stderr
 
 
 def test_kernel_is_not_compiled_again_when_a_file_it_does_not_import_is_edited_or_all_are_moved(copy, tmp_path):
