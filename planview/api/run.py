@@ -23,15 +23,14 @@ from planview.counting.stream import Analytics
 from planview.engine.engine import Engine, FrameResult
 from planview.engine.open import AnyTracker, ImageTrackerName, base_config, open_engine
 from planview.offline.refine import refine as refined
-from planview.output.finished import refine_run
-from planview.output.folder import HoldsResultsError, check_folder, finished_run, folder_lock
+from planview.output.finished import refine_held_run
+from planview.output.folder import HoldsResultsError, check_folder, finished_run, folder_lock, refuse_held
 from planview.output.progress import FrameProgress, PlainConsole, compile_notice
 from planview.output.render import frames_or_none
 from planview.output.replay import difference_picture, difference_text, replay_run
 from planview.output.report.page import write_report
 from planview.output.resume import checkpoint_of, remove_checkpoint
-from planview.output.run import RunLog, RunOptions, begin_run, run_identity
-from planview.output.run import run as run_engine
+from planview.output.run import RunLog, RunOptions, begin_run, run_identity, track_into
 from planview.output.run_folder import RunFolder
 from planview.output.tables import MapsLog, refuse_unrecorded
 from planview.output.viewer import Viewer, live_viewer
@@ -197,6 +196,7 @@ def _refuse_results(what: _Written, recording: Path | None) -> None:
         if given := [name for name, value in needing.items() if value]:
             raise InputError(f"{' and '.join(given)} need a folder for the results", remedy="out")
         return
+    refuse_held(what.out)
     try:
         check_folder(what.out, what.overwrite or what.resume, recording)
     except HoldsResultsError as error:
@@ -205,13 +205,13 @@ def _refuse_results(what: _Written, recording: Path | None) -> None:
 
 def _end(out: Path, refine: bool, console: Console) -> None:
     """Do what a kill after the last frame left undone, the page last."""
-    info = RunFolder(out).info
     with folder_lock(out):
+        info = RunFolder(out).info
         remove_checkpoint(out)
         if (out / "report.html").is_file() and (info.refined or not refine):
             console.print(f"{out}: the run is finished; nothing is left to resume")
         elif info.refined or refine:
-            refine_run(out)
+            refine_held_run(out)
         else:
             write_report(out)
 
@@ -243,7 +243,7 @@ def _tracked(engine: Engine, name: str, what: _Written, console: Console) -> Tra
         how = RunOptions(name, analytics, first, count, every_s, what.strict)
         _write(engine, what.out, what, how, console, progress)
         if what.refine:
-            refine_run(what.out)
+            refine_held_run(what.out)
     return _tracks_in(what.out)
 
 
@@ -286,7 +286,7 @@ def _write(
 
         logs.append(RerunLog(engine, out / "run.rrd", what.rrd_every, resumed=checkpoint is not None))
     with _watched(engine, what, progress) as watch:
-        run_engine(engine, out, how, logs, watch, checkpoint)
+        track_into(engine, out, how, logs, watch, checkpoint)
     write_report(out)
     if how.analytics is not None and (note := how.analytics.rules.unreached(RunFolder(out).tracks)):
         console.print(note, soft_wrap=True)

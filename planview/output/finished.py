@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import json
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
@@ -56,11 +57,11 @@ def edit_run(folder: Path, lines: Sequence[str]) -> EditedRun:
     """Apply edits to ``tracks.csv``; the tracks without any edit are kept in ``tracks_before.csv``.
 
     All edits so far are applied to these again, so that the tracks always follow from ``edits.json``. An edit that is
-    refused changes nothing. Raises InputError: no finished run in the folder, another process writes there, or an edit
-    that cannot be applied."""
-    before = _readable_run(folder)
+    refused changes nothing. Raises InputError: no finished run in the folder, another call holds it, or an edit that
+    cannot be applied."""
     step = EditStep(at=datetime.now(UTC).isoformat(timespec="seconds"), edits=list(lines))
-    with folder_lock(folder):
+    with _finished_run_lock(folder):
+        before = _readable_run(folder)
         _rewrite(before, [*read_steps(folder), step])
         return _changed(before)
 
@@ -68,8 +69,8 @@ def edit_run(folder: Path, lines: Sequence[str]) -> EditedRun:
 def undo_edits(folder: Path, *, everything: bool = False) -> EditedRun:
     """Undo the last call of edits or, where none is left, the refinement; or all of them, after which ``tracks.csv`` is
     what the tracker wrote, byte for byte. Raises InputError: as ``edit_run``, or nothing to undo."""
-    before = _readable_run(folder)
-    with folder_lock(folder):
+    with _finished_run_lock(folder):
+        before = _readable_run(folder)
         done = read_steps(folder)
         if not done and not before.info.refined:
             raise InputError(f"{folder}: nothing to undo")
@@ -122,10 +123,20 @@ def read_steps(folder: Path) -> list[EditStep]:
     return steps
 
 
-def _readable_run(folder: Path) -> RunFolder:
-    """The run; refuses, before anything changes, what is no finished one or what no page could be written from."""
+@contextmanager
+def _finished_run_lock(folder: Path) -> Iterator[None]:
+    """Hold the folder of a finished run; what it holds is read inside, since a call before may have changed it. Raises
+    InputError: no finished run, or another call holds the folder."""
+    if not folder.exists():
+        raise missing(folder)
     if not folder.is_dir() or finished_run(folder) is None:
-        raise InputError(f"{folder}: no finished run in it") if folder.exists() else missing(folder)
+        raise InputError(f"{folder}: no finished run in it")
+    with folder_lock(folder):
+        yield
+
+
+def _readable_run(folder: Path) -> RunFolder:
+    """Read a run; raises InputError, before anything changes, for what no page could be written from."""
     run = RunFolder(folder).read_all()
     if odd := doubt(run.tracks):
         warnings.warn(f"{folder / 'tracks.csv'}: {odd}", stacklevel=3)
@@ -151,12 +162,20 @@ def _rewrite(run: RunFolder, steps: list[EditStep]) -> None:
 
 
 def refine_run(folder: Path) -> tuple[Refined, RunInfo]:
-    """Write ``tracks.csv`` again from ``tracks_online.csv``, and ``refinement.csv`` with the reason of every change.
+    """Refine the tracks of a finished run (see ``refine_held_run``). Raises InputError: no finished run in the folder,
+    another call holds it, or as ``refine_held_run``."""
+    with _finished_run_lock(folder):
+        return refine_held_run(folder)
+
+
+def refine_held_run(folder: Path) -> tuple[Refined, RunInfo]:
+    """Write ``tracks.csv`` again from ``tracks_online.csv``, and ``refinement.csv`` with the reason of every change, in
+    a folder that the caller holds.
 
     The first time the online tracks become ``tracks_online.csv``; every time is a refinement of these. ``run.json`` has
     ``refined: true`` before tracks.csv changes, so that refined tracks never pass for online ones. report.html is
-    written last: a folder without it is refined again when its run is resumed. Raises InputError: no finished run in
-    the folder, an edited one, a refined one without its online tracks, or tracks without floor positions."""
+    written last: a folder without it is refined again when its run is resumed. Raises InputError: an edited run, a
+    refined one without its online tracks, or tracks without floor positions."""
     run = _readable_run(folder)
     if read_steps(folder):
         raise InputError(f"{folder}: its tracks were edited; undo the edits first")

@@ -153,28 +153,31 @@ def read_run_info(path: Path) -> RunInfo:
 
 
 LOCK_NAME = "run.lock"
-_held: set[Path] = set()
-"""Folders that this process holds: a run may be inside a command that holds its folder."""
 
 
 @contextmanager
 def folder_lock(folder: Path) -> Iterator[None]:
-    """Hold a folder, made if need be, until the block ends; the system's lock on ``run.lock`` ends with its process.
-    Raises InputError: another process holds the folder. WorkError: the lock file cannot be written."""
+    """Hold a folder, made if need be, until the block ends: it belongs to this call alone, not to the whole process.
+
+    The system's lock on ``run.lock`` ends with its process. Raises InputError: another call holds the folder, in this
+    process or in another one. WorkError: the lock file cannot be written.
+    """
     place = folder.resolve()
-    if place in _held:
-        yield
-        return
     with writing(folder):
         place.mkdir(parents=True, exist_ok=True)
         file = _locked(place / LOCK_NAME)
     with file:
-        _held.add(place)
         try:
             yield
         finally:
-            _held.discard(place)
             (place / LOCK_NAME).unlink(missing_ok=True)
+
+
+def refuse_held(folder: Path) -> None:
+    """Raise InputError for a folder that another call holds."""
+    if (folder / LOCK_NAME).is_file():
+        with folder_lock(folder):
+            pass
 
 
 def _locked(path: Path) -> IO[str]:
@@ -214,8 +217,8 @@ def check_folder(folder: Path, overwrite: bool, recording: Path | None = None) -
 
     Raises:
         HoldsResultsError: it holds results and ``overwrite`` is not set.
-        InputError: another process writes into the folder, it holds the input, it is a file, or what is named as a file
-            of a run in it is none (a pipe could wait for ever).
+        InputError: the folder holds the input, it is a file, or what is named as a file of a run in it is none (a pipe
+            could wait for ever).
         WorkError: files cannot be written there.
     """
     if folder.exists() and not folder.is_dir():
@@ -234,9 +237,6 @@ def check_folder(folder: Path, overwrite: bool, recording: Path | None = None) -
     for path in [*found, *folder.glob(LOCK_NAME)]:
         if path.exists() and not path.is_file():
             raise InputError(f"{path}: expected a file of a run, found a folder, a pipe or a device")
-    if (folder / LOCK_NAME).exists():
-        with folder_lock(folder):  # refuses a folder that another process holds
-            pass
     if overwrite or not found:
         return
     # Results of any kind are worth keeping: of a run, finished or not, and of others who use the same names.
@@ -251,10 +251,11 @@ def check_folder(folder: Path, overwrite: bool, recording: Path | None = None) -
 
 
 def prepare_folder(folder: Path, overwrite: bool) -> None:
-    """Make an empty place for a run; files that are not named as a run's are never touched (errors of
-    ``check_folder``)."""
+    """Make an empty place for a run in a folder that the caller holds; files that are not named as a run's are never
+    touched (errors of ``check_folder``)."""
     check_folder(folder, overwrite)
-    with writing(folder), folder_lock(folder):
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
         for path in products_in(folder):
             path.unlink(missing_ok=True)
 

@@ -104,7 +104,23 @@ def run(
     watch: Callable[[FrameResult], None] | None = None,
     checkpoint: resume.Checkpoint | None = None,
 ) -> RunInfo:
-    """Track a recording and write the output folder.
+    """Track a recording and write the output folder, which is held meanwhile (``folder_lock``): see ``track_into``.
+
+    Raises InputError: another call holds the folder.
+    """
+    with folder_lock(folder):
+        return track_into(engine, folder, options, logs, watch, checkpoint)
+
+
+def track_into(
+    engine: Engine,
+    folder: Path,
+    options: RunOptions | None = None,
+    logs: Sequence[RunLog] = (),
+    watch: Callable[[FrameResult], None] | None = None,
+    checkpoint: resume.Checkpoint | None = None,
+) -> RunInfo:
+    """Track a recording into a folder that the caller holds.
 
     The folder must be empty of results (``prepare_folder``). When the run is interrupted or fails, ``run.json`` has
     ``finished: false`` and every file is valid up to the last finished frame.
@@ -115,23 +131,21 @@ def run(
         watch: called after every frame, e.g. to show progress.
         checkpoint: to resume from (``checkpoint_of``), with logs made for its positions.
     Raises:
-        InputError: another process writes into the folder; or the recording fails a check (``strict``), and what was
-            tracked until then is kept.
+        InputError: the recording fails a check (``strict``); what was tracked until then is kept.
         WorkError: the disk is full, or no frame can be used.
         KeyboardInterrupt: Ctrl-C, SIGTERM or SIGHUP came; raised after the frame under way, with all files closed.
     """
     job = _Run(engine, folder, options or RunOptions(), logs)
-    with folder_lock(folder):
-        try:
-            job.track(watch, checkpoint)
-        except BaseException:
-            job.end(finished=False)
-            raise
-        return job.end(finished=True)
+    try:
+        job.track(watch, checkpoint)
+    except BaseException:
+        job.end(finished=False)
+        raise
+    return job.end(finished=True)
 
 
 def begin_run(engine: Engine, folder: Path, options: RunOptions, *, overwrite: bool) -> None:
-    """Make an empty folder for a run, with a ``run.json`` before anything else is written (errors of
+    """Empty a folder that the caller holds for a run, with a ``run.json`` before anything else is written (errors of
     ``prepare_folder``)."""
     prepare_folder(folder, overwrite)
     write_run_info(_info_of(engine, options).model_copy(update={"state": "running"}), folder / "run.json")

@@ -26,6 +26,7 @@ from planview.output.folder import (
     folder_lock,
     prepare_folder,
     read_run_info,
+    refuse_held,
     write_run_info,
 )
 from planview.output.progress import PlainConsole, compile_notice
@@ -132,22 +133,33 @@ def another_process_holding(folder: Path) -> Iterator["subprocess.Popen[str]"]:
         process.wait()
 
 
-def test_a_folder_that_another_process_holds_is_refused_with_its_process_and_kept(tmp_path):
-    (tmp_path / "tracks.csv").write_text("theirs")
+def test_a_folder_that_another_process_holds_is_refused_with_its_process(tmp_path):
     with another_process_holding(tmp_path) as process:
         with pytest.raises(InputError, match=f"process {process.pid} on .* is writing into it"):
-            prepare_folder(tmp_path, overwrite=True)
-        assert (tmp_path / "tracks.csv").read_text() == "theirs"
+            refuse_held(tmp_path)
+        with pytest.raises(InputError, match="is writing into it"), folder_lock(tmp_path):
+            pass
 
 
 def test_the_lock_of_a_killed_process_is_free_and_removed_at_the_end(tmp_path):
     with another_process_holding(tmp_path):
         pass
     with folder_lock(tmp_path):
-        with folder_lock(tmp_path):  # within its own lock
-            pass
         assert f"process {os.getpid()} on" in (tmp_path / LOCK_NAME).read_text()
     assert not (tmp_path / LOCK_NAME).exists()
+
+
+@pytest.mark.parametrize("spelling", ["out", "./out", "link", "out/../out"])
+def test_a_folder_belongs_to_one_call_of_a_process_under_any_name(tmp_path, monkeypatch, spelling):
+    monkeypatch.chdir(tmp_path)
+    Path("link").symlink_to("out")
+    with folder_lock(tmp_path / "out"):
+        with pytest.raises(InputError, match="is writing into it"), folder_lock(Path(spelling)):
+            pass
+        with pytest.raises(InputError, match="is writing into it"):
+            refuse_held(Path(spelling))
+    with folder_lock(Path(spelling)):
+        pass
 
 
 def test_compiled_kernels_are_announced_and_cached_ones_are_not() -> None:
