@@ -19,6 +19,7 @@ from calib.errors import InputError, WorkError
 from calib.io import PART, expecting, reason, write_whole
 from calib.params import first_problem
 from planview.engine.info import CameraInfo, FloorInfo, InfoPart
+from planview.trajectories.formats import FORMATS
 from stereo.recording import OpenOptions
 
 
@@ -210,6 +211,11 @@ _NAMES = (
 )  # fmt: skip
 PRODUCTS = (*_NAMES, *(name + PART for name in _NAMES))
 """Names and patterns of everything that a run may leave in its folder."""
+_VIEWS = (
+    "plot.png", "scene.webm", "frame-[0-9]*.png", "replay-[0-9]*.png", "evaluation.json",
+    *(f"tracks*_{name}{form.suffix}" for name, form in FORMATS.items()),
+)  # fmt: skip
+"""Names, when none is given, of what is drawn and exported of a run."""
 
 
 def check_folder(folder: Path, overwrite: bool, recording: Path | None = None) -> None:
@@ -250,14 +256,28 @@ def check_folder(folder: Path, overwrite: bool, recording: Path | None = None) -
     raise HoldsResultsError(f"{folder}: contains {'an unfinished' if resumable else 'a finished'} run", resumable)
 
 
-def prepare_folder(folder: Path, overwrite: bool) -> None:
-    """Make an empty place for a run in a folder that the caller holds; files that are not named as a run's are never
-    touched (errors of ``check_folder``)."""
-    check_folder(folder, overwrite)
+def prepare_folder(folder: Path, overwrite: bool, recording: Path | None = None) -> None:
+    """Make an empty place for a run in a folder that the caller holds, without anything of an earlier run; other files
+    are never touched (errors of ``check_folder``)."""
+    check_folder(folder, overwrite, recording)
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        for path in products_in(folder):
+        for path in [*_views_in(folder, recording), *products_in(folder)]:
             path.unlink(missing_ok=True)
+
+
+def _views_in(folder: Path, recording: Path | None) -> list[Path]:
+    """What was drawn and exported of the run in a folder. Nothing where a recording lies in the folder: its images may
+    have such names."""
+    try:
+        earlier = read_run_info(folder / "run.json")
+    except InputError:
+        return []  # no run, or one of another version
+    place = folder.resolve()
+    for path in (recording, Path(earlier.recording or earlier.input)):
+        if path is not None and path.resolve().is_relative_to(place):
+            return []
+    return [path for pattern in _VIEWS for path in folder.glob(pattern) if path.is_file()]
 
 
 def products_in(folder: Path) -> list[Path]:

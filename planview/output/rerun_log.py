@@ -16,14 +16,15 @@ from planview.drawing.plan import bounds_of
 from planview.engine.engine import Engine, FrameResult
 from planview.output import rerun_shapes as shapes
 from planview.output.folder import rrd_parts
-from planview.output.report.page import errors_of, scores_of
+from planview.output.report.page import scores_of
 from planview.output.rerun_frames import RerunFrames
 from planview.output.run_folder import RunFolder
 
 
 def log_assessment(stream: rr.RecordingStream, results: RunFolder) -> None:
     """Log the truth of the recording and the errors against it, where there is one."""
-    errors, truth = errors_of(scores_of(results)), results.truth
+    scores = scores_of(results)
+    truth = results.truth
     if truth is not None and len(truth):
         # Points on the floor and at the heads, a row per frame; 1.7 m of a true person whose height is not known.
         frames, counts = np.unique(truth.frame, return_counts=True)
@@ -34,7 +35,7 @@ def log_assessment(stream: rr.RecordingStream, results: RunFolder) -> None:
             columns = rr.Points3D.columns(positions=places).partition(counts)
             rr.send_columns(path, [rr.TimeColumn("frame", sequence=frames), times], columns, recording=stream)
             stream.log(path, rr.Points3D.from_fields(colors=[(255, 255, 255)], radii=[radius]), static=True)
-    for error in errors:
+    for error in () if scores is None else scores.significant:
         stream.set_time("frame", sequence=error.frame)
         stream.set_time("time", duration=float(results.clock.at(np.array([error.frame]))[0]))
         text = f"{error.kind.replace('_', ' ')}: {error.who}: {error.note}"

@@ -147,7 +147,7 @@ def track_into(
 def begin_run(engine: Engine, folder: Path, options: RunOptions, *, overwrite: bool) -> None:
     """Empty a folder that the caller holds for a run, with a ``run.json`` before anything else is written (errors of
     ``prepare_folder``)."""
-    prepare_folder(folder, overwrite)
+    prepare_folder(folder, overwrite, engine.recording.path)
     write_run_info(_info_of(engine, options).model_copy(update={"state": "running"}), folder / "run.json")
 
 

@@ -8,45 +8,33 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import JsonValue, TypeAdapter, ValidationError
+from pydantic import JsonValue
 
 from calib.errors import InputError, WorkError
-from calib.params import first_problem
 from calib.types import I64
 from planview.counting.events import way_words
 from planview.drawing.style import page_of
-from planview.evaluation.result import LABELS
-from planview.evaluation.significant import SignificantError
+from planview.evaluation.result import LABELS, Evaluation
 from planview.output.folder import RunInfo, write_result
 from planview.output.report import plots
 from planview.output.report.plots import Picture, picture
 from planview.output.report.snapshots import ERRORS_MAX, read_decision_log, scene_pictures
-from planview.output.run_folder import RunFolder, read_object
+from planview.output.run_folder import RunFolder
 from planview.trajectories.plot import person_hex
 
 
-def scores_of(results: RunFolder) -> dict[str, Any]:
-    """``evaluation.json`` of the folder, else the scores of the frames that were tracked; empty without truth."""
-    written = read_object(results.path / "evaluation.json")
+def scores_of(results: RunFolder) -> Evaluation | None:
+    """The scores of the frames that were tracked; None without truth."""
     truth = results.truth
     # Scoring a longer run takes longer than the page.
-    if written or truth is None or not results.has_run or len(results.tracks) + len(truth) > 60_000:
-        return written
+    if truth is None or not results.has_run or len(results.tracks) + len(truth) > 60_000:
+        return None
     try:
-        return results.evaluated().to_json()
+        return results.evaluated()
     except (InputError, WorkError):
-        return {}  # truth in another world, or without positions: the page does without
+        return None  # truth in another world, or without positions: the page does without
 
 
-def errors_of(evaluation: dict[str, Any]) -> list[SignificantError]:
-    """The significant errors of an evaluation. Raises InputError: they cannot be read."""
-    try:
-        return _ERRORS.validate_python(evaluation.get("significant_error_list") or [])
-    except ValidationError as error:
-        raise InputError(f"evaluation.json: expected significant errors: {first_problem(error)}") from error
-
-
-_ERRORS = TypeAdapter(list[SignificantError])
 _NOT_SHOWN = {"view_m", "world_SE3_left", "name", "at_m", "heads", "center_px", "focal_v_px"}
 """Fields of camera and floor that the page shows as a picture."""
 _UNITS = {"s": "s", "ms": "ms", "m": "m", "px": "px", "deg": "°", "mps": "m/s"}
@@ -56,23 +44,23 @@ Figure = tuple[str, str]
 """A name and its value, ready to print."""
 
 
-def write_report(folder: Path, evaluation: dict[str, Any] | None = None, truth: Path | None = None) -> Path:
+def write_report(folder: Path, truth: Path | None = None) -> Path:
     """Write ``report.html`` from the files of a run's folder, with pictures from its recording; it makes no outside
     requests.
 
     Only tracks.csv must be there; whatever else is missing, the recording too, is left out of the page.
 
     Args:
-        evaluation: ``Evaluation.to_json()``; ``evaluation.json`` of the folder, else the scores against the truth, by
-            default.
         truth: file of the true people; ``truth.csv`` of the recording where not given.
     Raises:
         InputError: no tracks.csv, or a file that cannot be read.
         WorkError: the page cannot be written.
     """
     results = RunFolder(folder, truth).read_all()
-    evaluation = scores_of(results) if evaluation is None else evaluation
-    info, errors, ids = results.info, errors_of(evaluation), results.people[:PEOPLE_MAX]
+    scores = scores_of(results)
+    errors = () if scores is None else scores.significant
+    evaluation = {} if scores is None else scores.to_json()
+    info, ids = results.info, results.people[:PEOPLE_MAX]
     logs = read_decision_log(results.path / "decisions.csv", set(ids.tolist()))
     page = page_of(
         "planview.output.report", "report.html.j2", run=results, info=info,

@@ -81,6 +81,39 @@ def test_overwriting_removes_every_product_and_no_other_file(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["notes.txt"]
 
 
+VIEWS = ["plot.png", "scene.webm", "frame-200.png", "replay-7.png", "tracks_csv.csv", "tracks_online_pedpy.txt"]
+
+
+def touch(folder: Path, names: list[str]) -> None:
+    folder.mkdir(exist_ok=True)
+    for name in names:
+        (folder / name).write_text("old")
+
+
+def test_overwriting_a_run_removes_what_was_drawn_and_exported_of_it(tmp_path):
+    out = tmp_path / "out"
+    touch(out, [*VIEWS, "frame-of-a-door.png", "tracks_mine.csv"])
+    finish(out)
+    prepare_folder(out, overwrite=True, recording=tmp_path / "recording")
+    assert sorted(file.name for file in out.iterdir()) == ["frame-of-a-door.png", "tracks_mine.csv"]
+
+
+def test_pictures_next_to_no_run_are_kept(tmp_path):
+    touch(tmp_path, VIEWS)
+    prepare_folder(tmp_path, overwrite=True)
+    assert sorted(file.name for file in tmp_path.iterdir()) == sorted(VIEWS)
+
+
+@pytest.mark.parametrize("recorded_by", ["earlier", "new"])
+def test_images_of_a_recording_that_is_its_own_output_folder_are_kept(tmp_path, recorded_by):
+    images = [f"frame-{n}.png" for n in range(3)]
+    touch(tmp_path, images)
+    earlier = tmp_path if recorded_by == "earlier" else tmp_path / ".." / "other"
+    write_run_info(RunInfo(input=str(earlier), finished=True), tmp_path / "run.json")
+    prepare_folder(tmp_path, overwrite=True, recording=tmp_path if recorded_by == "new" else None)
+    assert sorted(file.name for file in tmp_path.iterdir()) == images
+
+
 @pytest.mark.parametrize("name", ["run.lock", "tracks.csv", "checkpoint.npz"])
 def test_a_pipe_in_the_place_of_a_file_is_refused_and_not_waited_for(tmp_path, name):
     os.mkfifo(tmp_path / name)

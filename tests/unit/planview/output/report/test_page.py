@@ -20,7 +20,7 @@ from planview.engine.info import CameraInfo, FloorInfo
 from planview.evaluation.significant import SignificantError
 from planview.output.folder import RunInfo, SkippedFrame, read_run_info, write_run_info
 from planview.output.render import open_frames
-from planview.output.report.page import changed_settings, differing_settings, errors_of, scores_of, write_report
+from planview.output.report.page import changed_settings, differing_settings, scores_of, write_report
 from planview.output.report.plots import UNHELD, heat_plot, held_by, identity_pictures
 from planview.output.report.snapshots import busiest_frame, scene_pictures
 from planview.output.run_folder import RunFolder
@@ -58,7 +58,7 @@ def test_report_of_tracks_alone_shows_the_floor_the_heat_and_the_people(tmp_path
     assert "No run.json in this folder" in page
 
 
-def test_report_of_a_full_run_shows_everything(tmp_path: Path) -> None:
+def test_report_of_a_full_run_shows_everything(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_tracks(tmp_path)
     write_run_info(full_info(), tmp_path / "run.json")
     (tmp_path / "rules.toml").write_text(
@@ -67,9 +67,11 @@ def test_report_of_a_full_run_shows_everything(tmp_path: Path) -> None:
     )
     with pytest.raises(SystemExit, match="0"):
         main(["count", str(tmp_path), "--rules", str(tmp_path / "rules.toml")])
-    error = {"kind": "lost", "frame": 12, "truth_id": 3, "track_id": None, "duration_s": 2.0, "note": "alone for <2 s"}
-    evaluation = {"mota": 0.9, "motp_m": None, "significant_errors": {"total": 1}, "significant_error_list": [error]}
-    page = write_report(tmp_path, evaluation).read_text()
+    error = SignificantError("lost", 12, 3, None, 2.0, "alone for <2 s")
+    scores = {"mota": 0.9, "motp_m": None, "significant_errors": {"total": 1}}
+    evaluation = SimpleNamespace(significant=(error,), to_json=lambda: scores)
+    monkeypatch.setattr("planview.output.report.page.scores_of", lambda run: evaluation)
+    page = write_report(tmp_path).read_text()
     assert len(pictures(page)) == 6
     gone, note = "expected the recording of the run, found nothing there", "alone for &lt;2 s"
     for text in ("cannot be decoded", "camera height", "2.50 m", "grid.cell_m", gone, note, "left to right 2", "0.9"):
@@ -97,8 +99,7 @@ def test_report_survives_few_and_unknown_values(tmp_path: Path, rows: str) -> No
     ("name", "text"),
     [
         ("counts.json", "[]"), ("counts.json", "{"), ("run.json", '{"frames_read": "many"}'), ("events.csv", "a,b\n"),
-        ("evaluation.json", "nothing"), ("decisions.csv", "frame\n1\n"),
-        ("evaluation.json", '{"significant_error_list": [1]}'),
+        ("decisions.csv", "frame\n1\n"),
     ],
 )  # fmt: skip
 def test_files_that_are_not_what_they_say_are_named(tmp_path: Path, name: str, text: str) -> None:
@@ -182,9 +183,17 @@ def test_pictures_are_of_the_frame_asked_for_and_the_busiest(street):
     assert images == {3: 103, 7: 107, 20: 120}
 
 
+def test_scores_are_of_these_tracks_and_not_of_a_file_that_an_earlier_run_left(street: Path) -> None:
+    (street / "evaluation.json").write_text('{"mota": 0.123, "significant_errors": {"total": 77}}')
+    page = write_report(street).read_text()
+    assert "0.123" not in page and ">77<" not in page
+
+
 def test_scene_is_pictured_from_the_recording_opened_again(street: Path) -> None:
     results = RunFolder(street)
-    errors = errors_of(scores_of(results))
+    scores = scores_of(results)
+    assert scores is not None
+    errors = scores.significant
     assert [(error.kind, error.frame) for error in errors] == [("lost", 10)]
     pictures = scene_pictures(results, errors)
     assert pictures.why_none == "" and pictures.overview[0].title == "Busiest frame"
