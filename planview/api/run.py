@@ -33,7 +33,7 @@ from planview.output.resume import checkpoint_of, remove_checkpoint
 from planview.output.run import RunLog, RunOptions, begin_run, run_identity, track_into
 from planview.output.run_folder import RunFolder
 from planview.output.tables import MapsLog, refuse_unrecorded
-from planview.output.viewer import Viewer, live_viewer
+from planview.output.viewer import LiveViewer
 from planview.trajectories.table import Trajectories, TrajectoryCollector, read_tracks
 from stereo.matcher import Matcher
 
@@ -53,7 +53,7 @@ class _Written:
     overwrite: bool
     resume: bool
     checkpoint_every_s: float
-    viewer: Viewer | None
+    viewer: LiveViewer | None
     watch: Callable[[FrameResult], None] | None
 
 
@@ -78,7 +78,7 @@ def run(
     rrd_every: int = 1,
     maps: bool = False,
     frames: Frames | None = None,
-    view: bool | Viewer = False,
+    view: bool | LiveViewer = False,
     watch: Callable[[FrameResult], None] | None = None,
     quiet: bool = False,
     overwrite: bool = False,
@@ -152,7 +152,7 @@ def run(
             raise InputError(f"resume and {name} cannot be combined")
     every = rrd_every if rrd else 0
     console = PlainConsole(stderr=True, quiet=quiet)
-    viewer = view if isinstance(view, Viewer) else live_viewer() if view else None
+    viewer = LiveViewer() if view is True else view or None
     what = _Written(
         path_of(out), path_of(rules), refine, strict, every, maps, frames, overwrite, resume, checkpoint_every, viewer,
         watch,
@@ -253,11 +253,7 @@ def _watched(engine: Engine, what: _Written, progress: FrameProgress) -> Iterato
     with ExitStack() as stack:
         calls = [stack.enter_context(progress), what.watch]
         if what.viewer is not None:
-            from planview.output.rerun_log import ViewerLog  # rerun takes a second
-
-            log = ViewerLog(engine, what.viewer.data)
-            stack.callback(log.close)
-            calls.append(log.frame)
+            calls.append(stack.enter_context(what.viewer.showing(engine)))
 
         def watch(result: FrameResult) -> None:
             for call in filter(None, calls):

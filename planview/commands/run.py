@@ -21,7 +21,7 @@ from planview.output.folder import HoldsResultsError
 from planview.output.progress import PlainConsole, summary
 from planview.output.report.snapshots import busiest_frame
 from planview.output.run_folder import RunFolder
-from planview.output.viewer import live_viewer
+from planview.output.viewer import LiveViewer
 from planview.synthetic.assets import DEMO
 
 GROUPS = {
@@ -53,8 +53,8 @@ def run(call: Call) -> None:
         return
     if out is None:
         raise InputError("run needs --out FOLDER for the results")
-    viewer = live_viewer() if call["view"] else None
-    call.bound.arguments["view"] = viewer or False
+    live = LiveViewer()
+    call.bound.arguments["view"] = live if call["view"] else False
     try:
         call()
     except InputError as error:
@@ -74,10 +74,10 @@ def run(call: Call) -> None:
     if info.counts:
         print_counts(info.counts, console)
     call.prints_json({"out": str(out), **info.model_dump(mode="json", exclude={"config"})})
-    if viewer is not None and viewer.page:
+    if live.viewer is not None and live.viewer.page:
         console.print("the page is served until Ctrl-C")
         with suppress(KeyboardInterrupt):
-            viewer.wait()
+            live.viewer.wait()
 
 
 @command(api.replay, options=["frame"], names={"out": ["--out", "--png"]})

@@ -9,13 +9,18 @@ import socket
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from calib.errors import WorkError
 from calib.io import reason
 from planview.output.progress import PlainConsole
+
+if TYPE_CHECKING:
+    from planview.engine.engine import Engine, FrameResult
+    from planview.output.rerun_log import ViewerLog
 
 PORT, WEB_PORT = 9876, 9090
 """Where rerun's programs look for data and for the page."""
@@ -75,18 +80,57 @@ class Viewer:
         self._process.wait()
 
 
-def live_viewer() -> Viewer:
-    """A viewer for frames as they are tracked, on free ports: a window where there is a display, else a page, which a
-    notebook shows; its address is printed, and it is served as long as this program runs."""
-    viewer = Viewer(web=in_notebook() or not has_display(), port=free_port(PORT), web_port=free_port(WEB_PORT))
-    if viewer.page:
-        atexit.register(viewer.close)
-        PlainConsole(stderr=True, soft_wrap=True, highlight=False).print(f"open {viewer.page}")
-    if in_notebook():
-        from IPython.display import IFrame, display
+class LiveViewer:
+    """The viewer of one run while it goes on, on free ports: a window where there is a display, else a page, which a
+    notebook shows; its address is printed, and it is served as long as this program runs.
 
-        display(IFrame(viewer.page, width="100%", height=720))  # type: ignore[no-untyped-call]
-    return viewer
+    Attributes:
+        viewer: what runs; None before the first frame.
+    """
+
+    def __init__(self) -> None:
+        self.viewer: Viewer | None = None
+
+    def open(self) -> Viewer:
+        """Start the viewer."""
+        is_notebook = in_notebook()
+        viewer = Viewer(web=is_notebook or not has_display(), port=free_port(PORT), web_port=free_port(WEB_PORT))
+        self.viewer = viewer
+        if viewer.page:
+            atexit.register(viewer.close)
+            PlainConsole(stderr=True, soft_wrap=True, highlight=False).print(f"open {viewer.page}")
+        if is_notebook:
+            from IPython.display import IFrame, display
+
+            display(IFrame(viewer.page, width="100%", height=720))  # type: ignore[no-untyped-call]
+        return viewer
+
+    @contextmanager
+    def showing(self, engine: Engine) -> Iterator[Callable[[FrameResult], None]]:
+        """Show the frames of a run. The viewer opens with the first one, when all that can refuse the run has passed,
+        and ends with a run that fails."""
+        log: ViewerLog | None = None
+
+        def show(result: FrameResult) -> None:
+            nonlocal log
+            if log is None:
+                from planview.output.rerun_log import ViewerLog  # rerun takes a second
+
+                log = ViewerLog(engine, self.open().data)
+            log.frame(result)
+
+        has_failed = True
+        try:
+            yield show
+            has_failed = False
+        except KeyboardInterrupt:
+            has_failed = False  # what the user stopped can still be looked at
+            raise
+        finally:
+            if log is not None:
+                log.close()
+            if has_failed and self.viewer is not None:
+                self.viewer.close()
 
 
 def in_notebook() -> bool:

@@ -8,6 +8,11 @@ from itertools import islice
 from pathlib import Path
 from unittest.mock import Mock
 
+import pytest
+
+import planview
+from calib.errors import InputError, WorkError
+from planview.engine.engine import FrameResult
 from planview.output import viewer
 from planview.output.rerun_log import ViewerLog
 
@@ -65,6 +70,74 @@ def test_the_viewer_serves_a_page_on_this_machine_only():
     finally:
         shown.close()
     wait_until(web_port, is_listened_on=False)
+
+
+class Opened:
+    """Stands for a viewer."""
+
+    data = page = ""
+
+    def __init__(self) -> None:
+        self.frames = 0
+        self.was_ended = False
+
+    def close(self) -> None:
+        self.was_ended = True
+
+
+class Log:
+    """Counts the frames that a viewer gets."""
+
+    def __init__(self, viewer: Opened) -> None:
+        self._viewer = viewer
+
+    def frame(self, _: FrameResult) -> None:
+        self._viewer.frames += 1
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.fixture
+def opened(monkeypatch) -> list[Opened]:
+    """The viewers that were opened, without their programs."""
+    viewers: list[Opened] = []
+
+    def open_viewer(**_: object) -> Opened:
+        viewers.append(Opened())
+        return viewers[-1]
+
+    monkeypatch.setattr(viewer, "Viewer", open_viewer)
+    monkeypatch.setattr("planview.output.rerun_log.ViewerLog", lambda engine, address: Log(viewers[-1]))
+    return viewers
+
+
+@pytest.mark.parametrize(
+    "refused_by",
+    [{"frames": "900:901"}, {"rules": "none.toml", "out": "new"}, {"out": "/dev/null"}, {"rrd": True}, {"fps": 5.0}],
+)
+def test_a_run_that_is_refused_opens_no_viewer(engine, opened, refused_by, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises((InputError, WorkError)):
+        planview.run(engine, view=True, quiet=True, **refused_by)
+    assert opened == []
+
+
+@pytest.mark.parametrize(("error", "closed"), [(WorkError("full"), True), (KeyboardInterrupt(), False)])
+def test_the_viewer_of_a_run_that_fails_is_closed_and_of_one_that_is_stopped_not(engine, opened, error, closed):
+    show = viewer.LiveViewer()
+
+    def run() -> None:
+        with show.showing(engine) as frame:
+            for result in islice(engine, 2):
+                frame(result)
+            raise error
+
+    with pytest.raises(type(error)):
+        run()
+    (one,) = opened
+    assert one.frames == 2
+    assert one.was_ended == closed
 
 
 def test_a_taken_port_gives_another():
