@@ -189,6 +189,11 @@ class Depth:
     picture: Callable[[], U8]
     matched: Matched | None = None
 
+    @property
+    def rectified(self) -> tuple[U8, ...]:
+        """The rectified images at their whole size, (H, W[, 3]) uint8: both of a pair, or the one that has depth."""
+        return self.greys or (self.picture(),)
+
     @staticmethod
     def of_whole(left: U8, disparity: F32, step: int, greys: tuple[U8, U8] | None = None) -> Depth:
         """Of a rectified (H, W[, 3]) image and its (H, W) disparity, at an n-th of their size."""

@@ -48,7 +48,9 @@ class PairMeasure:
             record("rectify")
             greys = pair.left_grey, pair.right_grey
             matched = self._sgbm.matched(*greys, last)
-            depth = Depth(pair.image, matched.disparity, self._step, greys, pair.picture, matched)
+            # A copy, for the matcher may give its own again: 10 us, and callers may write into what they are given.
+            disparity = matched.disparity.copy()
+            depth = Depth(pair.image, disparity, self._step, greys, pair.picture, matched)
         else:
             pair = self._rectifier(*shot)
             record("rectify")

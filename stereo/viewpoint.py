@@ -119,20 +119,31 @@ class Viewpoints:
 
 
 def of_one_viewpoint(shots: Sequence[Sequence[AnyArray]], focal_widths: float) -> tuple[list[int], dict[int, str]]:
-    """The numbers of those shots that most of them look like, and for the others how a camera looks elsewhere."""
+    """Numbers of the shots that show the view which most of them show, and, by number, how a camera looks elsewhere in
+    those that show another one. Shots that show too little to tell are in neither, unless all do."""
     groups = list[tuple[Viewpoints, list[int]]]()
     for number, shot in enumerate(shots):
-        alike = next((own for viewpoints, own in groups if not viewpoints.moved(shot)), None)
-        if alike is None:
-            groups.append((Viewpoints([shot], focal_widths), [number]))
+        for viewpoints, members in groups:
+            if viewpoints.moved(shot) == "":
+                members.append(number)
+                break
         else:
-            alike.append(number)
-    usual = max((own for _, own in groups), key=len, default=[])
-    others = sorted({*range(len(shots))} - {*usual})
-    if not others:
-        return usual, {}
-    viewpoints = Viewpoints([shots[number] for number in usual], focal_widths)
-    return usual, {number: viewpoints.moved(shots[number]) or "a camera has moved" for number in others}
+            groups.append((Viewpoints([shot], focal_widths), [number]))
+    largest = max((members for _, members in groups), key=len, default=[])
+    if len(largest) == len(shots):
+        return largest, {}
+    viewpoints = Viewpoints([shots[number] for number in largest], focal_widths)
+    usual = list[int]()
+    elsewhere = dict[int, str]()
+    for number, shot in enumerate(shots):
+        moved = "" if number in largest else viewpoints.moved(shot)
+        if moved:
+            elsewhere[number] = moved
+        elif moved == "":
+            usual.append(number)
+    if len(usual) == 1 and not elsewhere:
+        usual = [*range(len(shots))]
+    return usual, elsewhere
 
 
 class Standing(Carried):

@@ -174,7 +174,7 @@ class RigHead(Carried):
             return View.unknown(self.views.shape, rays=self.views.rays)
         self._tracked_last = measured.matched
         foreground, now_s = self.foreground, frame.timestamp_s
-        if not self.standing.update(frame.index, now_s, measured.greys or (measured.image,)):
+        if not self.standing.update(frame.index, now_s, measured.rectified):
             clock.record("foreground")
             return View.unknown(self.views.shape, measured.image, self.views.rays, measured)
         mask = foreground.update(measured.image, measured.disparity, now_s, self.feedback.mask)

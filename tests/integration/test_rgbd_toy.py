@@ -1,7 +1,9 @@
 """The engine, its floor and its checks on exact images with depth."""
 
 import csv
+import json
 import shutil
+from itertools import islice
 from pathlib import Path
 from typing import NoReturn
 
@@ -36,6 +38,20 @@ def test_floor_of_depth_is_where_it_was_put(engine: Engine) -> None:
     floor = engine.stereo.floor
     assert floor.height_m == pytest.approx(HEIGHT_M, abs=0.02)
     assert np.degrees(floor.tilt_rad) == pytest.approx(TILT_DEG, abs=0.3)
+
+
+@pytest.mark.parametrize("rows", [113, 117, 119])
+def test_camera_stands_still_where_its_image_has_no_whole_number_of_samples(
+    recording: Path, tmp_path: Path, rows: int
+) -> None:
+    cut = shutil.copytree(recording, tmp_path / "cut")
+    for file in (*(cut / "rgb").iterdir(), *(cut / "depth").iterdir()):
+        cv2.imwrite(str(file), cv2.imread(str(file), cv2.IMREAD_UNCHANGED)[:rows])
+    calibration = json.loads((cut / "camera.json").read_text()) | {"height": rows}
+    (cut / "camera.json").write_text(json.dumps(calibration))
+    engine = open_engine(cut, config={"analysis": {"setup_frames": 6, "width_px": 80}})
+    assert [result.frame for result in islice(engine, 3)] == [0, 1, 2]
+    assert all(check.ok for check in engine.checks if check.name == "camera moved")
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(10, 10_000), (5, 5000), (0.256, 256)])

@@ -2,7 +2,7 @@
 
 import copy
 from collections.abc import Iterator
-from itertools import islice
+from itertools import islice, pairwise
 
 import numpy as np
 import pytest
@@ -31,8 +31,15 @@ def disparities(engine: Engine) -> list[F32]:
 
 
 def test_four_pairs_of_an_empty_room_share_a_disparity_and_a_person_who_walks_is_matched(disparities):
-    matched = [n for n in range(1, len(disparities)) if disparities[n] is not disparities[n - 1]]
+    equal = [np.array_equal(*pair, equal_nan=True) for pair in pairwise(disparities)]
+    matched = [n for n, same in enumerate(equal, start=1) if not same]
     assert matched == [4, 8, *range(10, len(disparities))]
+
+
+def test_writing_into_the_disparity_of_a_frame_leaves_the_next_frame_as_it_is(engine, disparities):
+    for result in islice(engine, 2):
+        np.testing.assert_array_equal(disparity_of(result), disparities[result.frame])
+        disparity_of(result)[:] = 0.0
 
 
 @pytest.mark.parametrize("frame", [0, 4, 9, 10])

@@ -51,6 +51,25 @@ def test_shots_of_the_view_that_most_show_are_kept() -> None:
     assert usual == [0, 2] and others == {1: "the right camera has rotated by 0.45 degrees"}
 
 
+BLANK = {"black": 0, "grey": 128, "white": 255}
+
+
+@pytest.mark.parametrize("level", BLANK.values(), ids=BLANK)
+@pytest.mark.parametrize("blank_at", [0, 2, 4], ids=["first", "middle", "last"])
+def test_blank_shot_is_of_no_view_and_hides_none(level: int, blank_at: int) -> None:
+    shots = [(room(), room())] * 3 + [(room(4.0), room(4.0))] * 2
+    blank = np.full((480, WIDTH), level, np.uint8)
+    shots.insert(blank_at, (blank, blank))
+    usual, others = of_one_viewpoint(shots, 0.3)
+    seen = [number for number in range(len(shots)) if number != blank_at]
+    assert (usual, [*others]) == (seen[:3], seen[3:])
+
+
+def test_shots_without_corners_are_all_kept() -> None:
+    blank = (np.full((480, WIDTH), 128, np.uint8),)
+    assert of_one_viewpoint([blank] * 3, FOCAL_WIDTHS) == ([0, 1, 2], {})
+
+
 def test_standing_names_the_first_frame_and_holds_what_it_saw_while_too_little_shows() -> None:
     standing, dark = Standing(STILL), (np.zeros((480, WIDTH), np.uint8),) * 2
     shots = [(room(), room()), (room(20.0), room(20.0)), dark, (room(), room()), dark]
