@@ -1,49 +1,56 @@
-"""Recordings run with many configurations, and ranked."""
+"""Recordings run with many configurations."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from calib.errors import InputError, printable
 from calib.io import parse_toml
 from planview.api.arguments import in_range, path_of
 from planview.output.progress import PlainConsole
-from planview.studies.results import JobResult, Ranked, why_no_intervals
-from planview.studies.study import FIGURES, FigureName, RecordingEntry, Space, Study, load_study
+from planview.studies.results import JobResult, means_of, table_of
+from planview.studies.study import RecordingEntry, Study, load_study
 from planview.studies.work import run_study
 from planview.studies.workers import workers
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
 @dataclass(frozen=True, eq=False)
 class Swept:
-    """What a study found; printed, the configurations, best first.
+    """Results of a study; printed, the mean figures of each configuration.
 
     Attributes:
-        objective: the figure that they are ranked by.
         runs: every run; ``error`` says why one failed.
     """
 
     out: Path
-    objective: FigureName
     runs: Sequence[JobResult]
-    ranking: Sequence[Ranked]
 
     @property
     def failed(self) -> list[JobResult]:
         """Runs that failed."""
         return [run for run in self.runs if run.error]
 
+    @property
+    def table(self) -> DataFrame:
+        """A row per run, as in summary.csv."""
+        return table_of(self.runs)
+
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
-        found = {"out": str(self.out), "objective": self.objective, "failed": len(self.failed)}
-        found |= {"runs": [run.to_json() for run in self.runs], "ranking": [row.to_json() for row in self.ranking]}
-        return found | {"no_intervals": why_no_intervals(self.runs) or None}
+        return {"out": str(self.out), "failed": len(self.failed), "runs": [run.to_json() for run in self.runs]}
 
     def __repr__(self) -> str:
-        return "\n".join(_lines(self.objective, self.runs, self.ranking))
+        lines = []
+        for configuration, means in means_of(self.runs).iterrows():
+            figures = [f"{name} {value:.4g}" for name, value in means.dropna().items()]
+            lines += [printable(str(configuration)), f"   {', '.join(figures)}"]
+        return "\n".join(lines)
 
 
 def sweep(
@@ -55,10 +62,10 @@ def sweep(
     cluster: str | None = None,
     quiet: bool = False,
 ) -> Swept:
-    """Run recordings with many configurations and seeds, score them against truth and rank the configurations.
+    """Run recordings with many configurations and seeds, and score the runs that have truth.
 
-    Writes summary.csv (a row per run), report.html (ranking with confidence intervals) and a folder per run. Runs that
-    fail are reported at the end, when all others are done, and make the exit status 1.
+    Writes summary.csv (a row per run) and a folder per run. Runs that fail are reported at the end, when all others are
+    done, and make the exit status 1.
 
     Example: planview sweep STUDY.toml --jobs 4
 
@@ -90,8 +97,7 @@ def sweep(
     study, names, folder = _study([Path(source) for source in sources], path_of(out), vary, path_of(config))
     in_range("jobs", jobs, 1, 10_000)
     console = PlainConsole(stderr=True, highlight=False, soft_wrap=True, quiet=quiet)
-    runs, ranking = run_study(study, names, folder, workers(jobs, cluster), console)
-    return Swept(folder, study.objective, runs, ranking)
+    return Swept(folder, run_study(study, names, folder, workers(jobs, cluster), console))
 
 
 def _study(
@@ -121,9 +127,9 @@ def _study(
     return study.model_copy(update={"recordings": entries, "config": absolute}), names, out.absolute()
 
 
-def varied(options: Sequence[str]) -> tuple[dict[str, Space], list[int]]:
+def varied(options: Sequence[str]) -> tuple[dict[str, list[Any]], list[int]]:
     """Values per parameter, and the seeds where the parameter is ``seed``."""
-    parameters: dict[str, Space] = {}
+    parameters: dict[str, list[Any]] = {}
     for text in options:
         name, equals, values = text.partition("=")
         listed = [_value(value) for value in values.split(",")]
@@ -133,7 +139,7 @@ def varied(options: Sequence[str]) -> tuple[dict[str, Space], list[int]]:
             raise InputError(f"expected different settings for every run, found one twice in {text!r}", argument="vary")
         parameters[name.strip()] = listed
     seeds = parameters.pop("seed", [0])
-    if not isinstance(seeds, list) or not all(isinstance(seed, int) and seed >= 0 for seed in seeds):
+    if not all(isinstance(seed, int) and seed >= 0 for seed in seeds):
         raise InputError(f"expected whole numbers from 0 for seed, found {seeds}", argument="vary")
     return parameters, seeds
 
@@ -143,21 +149,3 @@ def _value(text: str) -> Any:
         return parse_toml(f"value = {text}")["value"]
     except ValueError:
         return text.strip()
-
-
-def _lines(objective: FigureName, runs: Sequence[JobResult], ranking: Sequence[Ranked]) -> list[str]:
-    """Configurations with their whole names, best first."""
-    lines: list[str] = []
-    known = [objective, *(name for name in FIGURES if name != objective)]
-    before: list[str] = []
-    for place, row in enumerate(ranking, 1):
-        lines.append(f"{place}. {printable(row.configuration.label)}")
-        figures = [f"{FIGURES[n].label} {row.figures[n].text(FIGURES[n].digits)}" for n in known if n in row.figures]
-        tracked = [figure for figure in figures if not figure.startswith(FIGURES["elapsed_s"].label)]
-        equal = f"equal to {place - 1}: " if tracked and tracked == before else ""
-        count = f"{row.runs} run{'s' * (row.runs != 1)}" + (f", {row.failed} failed" if row.failed else "")
-        lines.append("   " + equal + ", ".join([*figures, count]))
-        before = tracked
-    if ranking and (why := why_no_intervals(runs)):
-        lines.append(why)
-    return lines

@@ -16,7 +16,7 @@ def sweep(call: Call) -> None:
     found = call()
     if not call.prints_json(found.to_json()):
         print(found)
-        print(found.out / "report.html")
+        print(found.out / "summary.csv")
     failed = found.failed
     for run in failed[:FAILED_MAX]:
         say(f"failed: {run.recording}, {run.configuration.label}, seed {run.seed}: {run.error}")

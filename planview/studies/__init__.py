@@ -1,1 +1,1 @@
-"""Studies: recordings times configurations times seeds, tracked on many processes or machines, scored and ranked."""
+"""Studies: recordings times configurations times seeds, tracked and scored on many processes or machines."""

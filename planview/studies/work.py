@@ -1,16 +1,15 @@
-"""Whole studies: each run is done once, and all are ranked at the end."""
+"""The runs of a study: each is done once, in a folder named by all that its tracks depend on."""
 
 from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
-from itertools import product, starmap
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import cv2
 from rich.console import Console
@@ -20,50 +19,30 @@ from calib.errors import InputError, WorkError
 from calib.io import ATTEMPT, whole_folder
 from calib.world import load_rigs
 from planview.engine.config import Config, load_config
-from planview.engine.open import FIXED_MAP_PARAMETERS, FIXED_TABLES, TrackerName, base_config, open_engine
+from planview.engine.open import TrackerName, base_config, open_engine
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.maps.recording import is_maps
 from planview.output.folder import folder_lock, read_run_info, write_result
-from planview.output.report.page import write_report
 from planview.output.resume import code_version, content_key, key_of
 from planview.output.run import RunOptions, run
 from planview.output.run_folder import read_object
-from planview.output.tables import MapsLog
-from planview.studies.results import JobResult, Ranked, ranked, study_page, summary_csv
-from planview.studies.study import Configuration, RecordingEntry, Study, run_figures
+from planview.studies.results import JobResult, run_figures, summary_csv
+from planview.studies.study import Configuration, RecordingEntry, Study
 from planview.studies.workers import Done, on_workers
 from planview.trajectories.formats import load_tracks, load_truth, truth_file
-from stereo.readers import OpenOptions, holds_pair
+from stereo.readers import OpenOptions
 from stereo.readers.open import is_multi_rig, rigs_file
 
 if TYPE_CHECKING:
     from distributed import Client
 
-MAPS_FILE = "maps.h5"
-
 
 @dataclass(frozen=True)
-class RunJob:
-    """One run into a folder of its own, named by the key of all that the result depends on; ``version``: the
-    ``code_version`` that must run it."""
+class Source:
+    """A recording of a study: its name, its files, the key of their content, the configuration that it begins with, and
+    its truth."""
 
-    source: RecordingEntry
-    config: Config
-    tracker: TrackerName
-    frames: int
-    folder: Path
-    version: str
-    save_maps: bool
-    report: bool
-
-    @property
-    def is_done(self) -> bool:
-        return (self.folder / (MAPS_FILE if self.save_maps else "run.json")).is_file()
-
-
-class _Recording(NamedTuple):
-    """What all jobs of a recording share: ``key`` of its content, the configuration that it begins with, its truth."""
-
+    name: str
     entry: RecordingEntry
     key: str
     base: Config
@@ -72,177 +51,175 @@ class _Recording(NamedTuple):
 
 
 @dataclass(frozen=True)
-class StudyJob:
-    """A run of a study, ``blank`` without its figures; its source is a plan-view recording where ``maps`` makes one
-    first."""
+class Job:
+    """A run of a study.
 
-    blank: JobResult
-    recording: _Recording
-    run: RunJob
-    maps: RunJob | None
+    Attributes:
+        folder: named by the key of all that the tracks depend on.
+        version: the ``code_version`` that must run it.
+    """
+
+    source: Source
+    configuration: Configuration
+    seed: int
+    config: Config
+    tracker: TrackerName
+    frames: int
+    folder: Path
+    version: str
+
+    @property
+    def is_done(self) -> bool:
+        """There are tracks of the whole run."""
+        return (self.folder / "run.json").is_file()
 
     @property
     def scores_file(self) -> Path:
-        """Alike runs have the same one; recordings of equal content share their run, but each has its own truth."""
-        return self.run.folder / f"scores_{self.recording.truth_key[:16] or 'none'}.json"
+        """Figures of the run. Recordings of equal content share the run, but each has its own truth."""
+        return self.folder / f"scores_{self.source.truth_key[:16] or 'none'}.json"
+
+    def result(self, done: Done, *, reused: bool) -> JobResult:
+        """The row of the run in the table, from how it ended."""
+        folder = None if done.error else self.folder
+        figures = done.value or {}
+        return JobResult(self.source.name, self.configuration, self.seed, folder, figures, done.error, reused)
 
 
-def planned(
-    study: Study, out: Path, names: Sequence[str], configurations: Sequence[Configuration]
-) -> list[StudyJob | JobResult]:
-    """The runs of a study (arguments of ``run_study``), or why they cannot begin, configuration by configuration,
+def plan_jobs(study: Study, names: Sequence[str], out: Path) -> list[Job | JobResult]:
+    """The runs of a study (arguments of ``run_study``), or why they cannot begin: configuration by configuration,
     recording by recording, seed by seed. Raises InputError: a setting that is no parameter or out of its range."""
-    recordings = list(zip(names, map(_looked_at, study.recordings), strict=True))
     version = code_version()
+    configurations = study.configurations()
+    sources = [identify(name, entry) for name, entry in zip(names, study.recordings, strict=True)]
 
     @cache  # recordings that begin with the same parameters share their configurations: there may be RUNS_MAX runs
-    def effective(configuration: Configuration, seed: int, base: Config) -> tuple[tuple[Config, str], ...]:
-        """The configuration of a run, and that which records its maps: all that decides points, of the rest the
-        defaults; each with its key."""
-        full, defaults = load_config(study.config, [*configuration.settings, f"seed={seed}"], base), Config()
-        fixed = {name: getattr(full.maps, name) for name in FIXED_MAP_PARAMETERS}
-        tables = {name: getattr(full, name) for name in FIXED_TABLES} | {"maps": defaults.maps.model_copy(update=fixed)}
-        return tuple((c, key_of(c.model_dump(mode="json"))) for c in (full, defaults.model_copy(update=tables)))
+    def load_keyed_config(configuration: Configuration, seed: int, base: Config) -> tuple[Config, str]:
+        config = load_config(study.config, [*configuration.settings, f"seed={seed}"], base)
+        return config, key_of(config.model_dump(mode="json"))
 
-    def run_job(source: RecordingEntry, source_key: str, keyed: tuple[Config, str], kind: str) -> RunJob:
-        config, config_key = keyed
-        folder = out / kind / key_of(source_key, config_key, study.tracker, study.frames, version, kind)
-        is_maps, report = kind == "maps", study.reports and kind == "jobs"
-        return RunJob(source, config, study.tracker, study.frames, folder, version, is_maps, report)
-
-    def job(configuration: Configuration, named: tuple[str, _Recording | str], seed: int) -> StudyJob | JobResult:
-        name, recording = named
-        if isinstance(recording, str):
-            return JobResult(name, configuration, seed, error=recording)
-        (entry, key, base, *_), maps = recording, None
-        full, points = effective(configuration, seed, base)
-        single = is_maps(entry.path) or is_multi_rig(entry.path) or study.tracker == "human-model"
-        if study.maps and not single and (study.tracker == "joint" or entry.calibration or holds_pair(entry.path)):
-            maps = run_job(entry, key, points, "maps")
-            entry, key = RecordingEntry(path=maps.folder / MAPS_FILE), maps.folder.name
-        blank = JobResult(name, configuration, seed, from_maps=maps is not None)
-        return StudyJob(blank, recording, run_job(entry, key, full, "jobs"), maps)
-
-    return list(starmap(job, product(configurations, recordings, study.seeds)))
+    jobs: list[Job | JobResult] = []
+    for configuration in configurations:
+        for name, source in zip(names, sources, strict=True):
+            for seed in study.seeds:
+                if isinstance(source, InputError):
+                    jobs.append(JobResult(name, configuration, seed, error=str(source)))
+                    continue
+                config, config_key = load_keyed_config(configuration, seed, source.base)
+                folder = out / "jobs" / key_of(source.key, config_key, study.tracker, study.frames, version)
+                jobs.append(Job(source, configuration, seed, config, study.tracker, study.frames, folder, version))
+    return jobs
 
 
-def _looked_at(entry: RecordingEntry) -> _Recording | str:
-    """A recording, or why it cannot be used."""
+def identify(name: str, entry: RecordingEntry) -> Source | InputError:
+    """Find the key and the truth of a recording, or why it cannot be used."""
     path = entry.path
+    files = [file for file in (entry.calibration, entry.camera) if file is not None]
     try:
-        # Several heads may lie anywhere, a calibration next to a video.
-        if is_maps(path):
-            key = content_key(path)
-        elif is_multi_rig(path):
-            file = rigs_file(path)
-            key = key_of(content_key(file), *(content_key(file.parent / rig.folder) for rig in load_rigs(file)))
-        else:
-            key = key_of(content_key(path), *map(content_key, companion_files(path)))
-        key = key_of(key, entry.fps, *(content_key(file) if file else "" for file in (entry.calibration, entry.camera)))
-        truth = entry.truth or truth_file(path.parent if is_maps(path) else path)
-        return _Recording(entry, key, base_config(path), truth, content_key(truth) if truth else "")
+        if is_multi_rig(path):  # its recordings may lie anywhere
+            path = rigs_file(path)
+            files += [path.parent / rig.folder for rig in load_rigs(path)]
+        elif not is_maps(path):
+            files += companion_files(path)
+        key = key_of(entry.fps, *(content_key(file) for file in (path, *files)))
+        truth = entry.truth or truth_file(entry.path.parent if is_maps(entry.path) else entry.path)
+        return Source(name, entry, key, base_config(entry.path), truth, content_key(truth) if truth else "")
     except InputError as error:
-        return str(error)
+        return error
 
 
 def companion_files(path: Path) -> list[Path]:
     """Files that may belong to a recording of a single file: calibrations, times and poses in its folder."""
+    if path.is_dir() or not path.parent.is_dir():
+        return []
     endings = (".yml", ".yaml", ".json", ".xml", ".conf")
     names = ("rig.toml", "world.toml", "camera.toml", "timestamps.csv")
-    files = sorted(path.parent.iterdir()) if path.parent.is_dir() and not path.is_dir() else []
-    known = [file for file in files if file.suffix.lower() in endings or file.name in names]
-    return [file for file in known if file.name != path.name and file.is_file()]
+    companions = []
+    for file in sorted(path.parent.iterdir()):
+        may_belong = file.suffix.lower() in endings or file.name in names
+        if may_belong and file.name != path.name and file.is_file():
+            companions.append(file)
+    return companions
 
 
-def track(job: RunJob) -> None:
-    """Run into ``job.folder`` unless it is there (see ``whole_folder``)."""
+def do_job(job: Job) -> dict[str, float]:
+    """Run unless an earlier study has done it, and score; the figures are written into its folder."""
     if job.version != code_version():
         raise WorkError(f"expected planview {job.version} on this worker, found {code_version()}")
-    if job.is_done:
-        return
-    cv2.setNumThreads(1)  # a study runs a job per core
-    with whole_folder(job.folder) as folder:
-        source, options = job.source, OpenOptions(job.source.calibration, job.source.fps)
-        engine = open_engine(source.path, job.tracker, job.config, source.camera, options)
-        engine.ahead = 0
-        logs = [MapsLog(engine, folder / MAPS_FILE)] if job.save_maps else []
-        run(engine, folder, RunOptions(tracker=job.tracker, max_frames=job.frames), logs)
-        if job.report:
-            write_report(folder)
-        if not job.is_done:  # what lacks something makes room only now
-            shutil.rmtree(job.folder, ignore_errors=True)
-
-
-def track_and_score(job: StudyJob) -> dict[str, float]:
-    """Run unless that is done, and score; the figures are written into its folder."""
-    track(job.run)
+    if not job.is_done:
+        _track(job)
     scores: dict[str, Any] = {}
-    if job.recording.truth is not None:
-        span = (0, job.run.frames - 1) if job.run.frames else None
-        tracks, truth = load_tracks(job.run.folder / "tracks.csv"), load_truth(job.recording.truth)
-        scores = evaluate_tracks(tracks, truth, None, span).to_json()
-    figures = run_figures(read_run_info(job.run.folder / "run.json"), scores)
+    if job.source.truth is not None:
+        span = (0, job.frames - 1) if job.frames else None
+        tracks = load_tracks(job.folder / "tracks.csv")
+        scores = evaluate_tracks(tracks, load_truth(job.source.truth), None, span).to_json()
+    figures = run_figures(read_run_info(job.folder / "run.json"), scores)
     write_result(job.scores_file, json.dumps(figures, indent=2) + "\n")
     return figures
 
 
+def _track(job: Job) -> None:
+    cv2.setNumThreads(1)  # a study runs a job per core
+    entry = job.source.entry
+    with whole_folder(job.folder) as folder:
+        options = OpenOptions(entry.calibration, entry.fps)
+        engine = open_engine(entry.path, job.tracker, job.config, entry.camera, options)
+        engine.ahead = 0
+        run(engine, folder, RunOptions(tracker=job.tracker, max_frames=job.frames))
+        if not job.is_done:  # a folder that lacks run.json makes room only now
+            shutil.rmtree(job.folder, ignore_errors=True)
+
+
 def run_study(
     study: Study, names: Sequence[str], out: Path, workers: AbstractContextManager[Client], console: Console
-) -> tuple[list[JobResult], list[Ranked]]:
-    """Run all that is not done and write study.json, summary.csv and report.html; all runs in the order of the study,
-    and its configurations, best first.
+) -> list[JobResult]:
+    """Run all that is not done and write study.json and summary.csv; the results come in the order of the study.
 
     ``study`` has absolute paths, and its recordings ``names`` that differ. What earlier studies in ``out`` did with the
     same input, configuration and version is kept; ``workers`` start for what is left. Raises InputError: a setting that
     is no parameter, too many runs, no cluster, or another study in the folder. WorkError: it cannot be written.
     """
-    jobs = planned(study, out, names, study.configurations())
+    jobs = plan_jobs(study, names, out)
     with folder_lock(out):
         write_result(out / "study.json", study.model_dump_json(indent=2) + "\n")
         try:
-            runs = _run(jobs, workers, console)
+            results = _do_jobs(jobs, workers, console)
         finally:
             for left_by_killed in out.glob(f"*/{ATTEMPT}*"):
                 shutil.rmtree(left_by_killed, ignore_errors=True)
-        ranking = ranked(runs, study.objective)
-        write_result(out / "summary.csv", summary_csv(runs))
-        write_result(out / "report.html", study_page(study, runs, ranking, out.name))
-    return runs, ranking
+        write_result(out / "summary.csv", summary_csv(results))
+    return results
 
 
-def _run(
-    jobs: Sequence[StudyJob | JobResult], workers: AbstractContextManager[Client], console: Console
+def _do_jobs(
+    jobs: Sequence[Job | JobResult], workers: AbstractContextManager[Client], console: Console
 ) -> list[JobResult]:
     """Results in the order of the jobs."""
-    jobs_by_file = {job.scores_file: job for job in jobs if isinstance(job, StudyJob)}
-    earlier = {key: figures for key, job in jobs_by_file.items() if (figures := read_object(job.scores_file))}
-    ended = {key: Done(key, figures) for key, figures in earlier.items()}
-    if left := {key: job for key, job in jobs_by_file.items() if key not in earlier}:
-        with workers as client, Progress(*Progress.get_default_columns(), MofNCompleteColumn(), console=console) as bar:
-            ended |= {done.key: done for done in _tracked(left, client, bar)}
-
-    def result(job: StudyJob | JobResult) -> JobResult:
+    done: dict[Path, Done] = {}
+    left: dict[Path, Job] = {}
+    for job in jobs:
         if isinstance(job, JobResult):
-            return job
-        done = ended[job.scores_file]
-        folder = None if done.error else job.run.folder
-        return replace(
-            job.blank, folder=folder, figures=done.value or {}, error=done.error, reused=job.scores_file in earlier
-        )
+            continue
+        figures = read_object(job.scores_file)
+        if figures:
+            done[job.scores_file] = Done(job.scores_file, figures)
+        else:
+            left[job.scores_file] = job
+    if left:
+        done |= _do_on_workers(left, workers, console)
+    results = []
+    for job in jobs:
+        if isinstance(job, JobResult):
+            results.append(job)
+        else:
+            results.append(job.result(done[job.scores_file], reused=job.scores_file not in left))
+    return results
 
-    return list(map(result, jobs))
 
-
-def _tracked(jobs: Mapping[Path, StudyJob], client: Client, bar: Progress) -> Iterator[Done]:
-    """The figures of each job. Plan-view recordings are made first; where one fails, so do its jobs."""
-    maps = {job.maps.folder: job.maps for job in jobs.values() if job.maps and not job.maps.is_done}
-    errors: dict[Path, str] = {}
-    if maps:
-        recorded = bar.track(on_workers(client, track, maps), len(maps), description="plan-view recordings")
-        errors = {done.key: done.error for done in recorded if done.error}
-    ready = dict(jobs)
-    for key, job in jobs.items():
-        if job.maps and (error := errors.get(job.maps.folder)):
-            del ready[key]
-            yield Done(key, error=error)
-    yield from bar.track(on_workers(client, track_and_score, ready), len(ready), description="runs")
+def _do_on_workers(
+    jobs: Mapping[Path, Job], workers: AbstractContextManager[Client], console: Console
+) -> dict[Path, Done]:
+    """How each job ended; a bar shows how many have."""
+    columns = (*Progress.get_default_columns(), MofNCompleteColumn())
+    with workers as client, Progress(*columns, console=console) as bar:
+        ended = bar.track(on_workers(client, do_job, jobs), len(jobs), description="runs")
+        return {done.key: done for done in ended}

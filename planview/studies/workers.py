@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import logging
+import threading
+import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from calib.errors import InputError, WorkError
@@ -17,10 +18,11 @@ if TYPE_CHECKING:
 CONNECT_S = 10.0
 WORKERS_S = 60.0
 """Time to wait for the first worker of a cluster, and for those that start again at the end [s]."""
+NO_WORKER_S = 120.0
+"""Without any worker for this long, what is left fails [s]: a process that died starts again, late under heavy load."""
 LOCAL = {
     "distributed.scheduler.allowed-failures": 0,
     "distributed.scheduler.worker-saturation": 1.0,
-    "distributed.scheduler.no-workers-timeout": "600 s",  # a process that died starts again, late under heavy load
     "distributed.worker.profile.enabled": False,
     # Without Dask's own limit of malloc, under which every image is new memory: a quarter of the time.
     "distributed.nanny.pre-spawn-environ": dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), 1),
@@ -34,7 +36,7 @@ KILLED = "its process was killed or crashed (out of memory?)"
 class Done(NamedTuple):
     """How a task ended: with a value, or with an error in one sentence."""
 
-    key: Path
+    key: Any
     value: Any = None
     error: str = ""
 
@@ -72,9 +74,8 @@ def workers(jobs: int, cluster: str | None = None) -> Iterator[Client]:
         yield client
 
 
-def on_workers(client: Client, function: Callable[..., Any], arguments: Mapping[Path, object]) -> Iterator[Done]:
-    """Call a function on the workers with each of the arguments, named by what it makes; each comes once, in the order
-    in which they end.
+def on_workers(client: Client, function: Callable[..., Any], arguments: Mapping[Any, object]) -> Iterator[Done]:
+    """Call a function on the workers with each of the arguments; each comes once, in the order in which they end.
 
     Dask blames the death of a worker on all tasks that it had been given. These run again one by one, and the one whose
     process dies again has failed.
@@ -84,19 +85,42 @@ def on_workers(client: Client, function: Callable[..., Any], arguments: Mapping[
     tasks = client.map(function, list(arguments.values()), pure=False, batch_size=TASKS_SENT)
     keys = dict(zip(tasks, arguments, strict=True))
     suspects = []
-    for task in as_completed(tasks):
-        done = _outcome(keys[task], task)
-        if done.error == KILLED:
-            suspects.append(task)
-        else:
-            yield done
-            task.release()  # or it would run again when the worker that holds its result dies
-    for task in suspects:
-        task.retry()
-        yield _outcome(keys[task], task)
+    with _cancelling_without_workers(client, tasks):
+        for task in as_completed(tasks):
+            done = _outcome(keys[task], task)
+            if done.error == KILLED:
+                suspects.append(task)
+            else:
+                yield done
+                task.release()  # or it would run again when the worker that holds its result dies
+        for task in suspects:
+            task.retry()
+            yield _outcome(keys[task], task)
 
 
-def _outcome(key: Path, task: Future) -> Done:
+@contextmanager
+def _cancelling_without_workers(client: Client, tasks: Sequence[Future]) -> Iterator[None]:
+    """Cancel tasks that are not done whenever there has been no worker for NO_WORKER_S: Dask itself waits for ever."""
+    ended = threading.Event()
+
+    def watch() -> None:
+        last_seen_s = time.monotonic()
+        while not ended.wait(1.0):
+            if client.scheduler_info()["workers"]:
+                last_seen_s = time.monotonic()
+            elif time.monotonic() - last_seen_s > NO_WORKER_S:
+                client.cancel([task for task in tasks if not task.done()])
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        watcher.join()
+
+
+def _outcome(key: object, task: Future) -> Done:
     """Wait for a task."""
     from distributed import CancelledError, KilledWorker
     from distributed.scheduler import NoWorkerError

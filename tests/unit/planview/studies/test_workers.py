@@ -5,7 +5,7 @@ import signal
 from collections.abc import Iterator
 
 import pytest
-from distributed import Client
+from distributed import Client, LocalCluster
 
 from calib.errors import InputError, WorkError
 from planview.studies.workers import KILLED, on_workers, workers
@@ -51,3 +51,10 @@ def test_cluster_that_is_not_there_is_refused(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr("planview.studies.workers.CONNECT_S", 0.2)
     with pytest.raises(InputError, match="expected a Dask scheduler"), workers(1, "tcp://127.0.0.1:9"):
         pass
+
+
+def test_tasks_fail_when_no_worker_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("planview.studies.workers.NO_WORKER_S", 0.0)
+    with LocalCluster(n_workers=0, processes=False, dashboard_address=None) as cluster, Client(cluster) as client:
+        done = list(on_workers(client, abs, {"a": -1, "b": -2}))
+    assert {one.key: one.error for one in done} == dict.fromkeys("ab", "its worker or the scheduler was lost")
