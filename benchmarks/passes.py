@@ -8,17 +8,17 @@ import subprocess
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import cv2
-from joblib import Parallel, delayed, parallel_config
 
 import planview
 from benchmarks import peaks
 from benchmarks.options import progress, show
 from benchmarks.peaks import PeakTracker
+from calib.errors import WorkError
 from calib.io import whole_folder
 from planview.engine.config import Config
 from planview.engine.engine import Engine
@@ -28,6 +28,7 @@ from planview.evaluation.significant import poisson_upper
 from planview.output.folder import finished_run
 from planview.output.resume import code_version, key_of
 from planview.output.run import RunOptions, run
+from planview.studies.workers import on_workers, workers
 from stereo.readers import OpenOptions
 
 FACING = "median difference of walkers to the truth, or where that has no facing, to their direction of walking"
@@ -81,19 +82,28 @@ def run_pass(job: Pass) -> Path:
 
 
 def watched(work: Callable[[Job], Result], jobs: Sequence[Job], at_once: int) -> Iterator[tuple[Job, Result]]:
-    """Every job with its result in the order in which they are done, in ``at_once`` processes of one thread each."""
-    with parallel_config("loky", inner_max_num_threads=1):
-        # Processes are spawned, not forked: open3d and numba hold threads.
-        alone = Parallel(n_jobs=at_once, return_as="generator_unordered")
-        done = alone(delayed(_alone)(work, job) for job in jobs) if at_once > 1 else ((j, work(j)) for j in jobs)
-        for n, (job, result) in enumerate(done, 1):
-            progress(f"{n} of {len(jobs)} recordings rendered and tracked")
-            yield job, result
+    """Every job with its result in the order in which they are done, in ``at_once`` processes of one thread each.
+    Raises WorkError: a job fails in its process."""
+    for count, (job, result) in enumerate(_results(work, jobs, at_once), 1):
+        progress(f"{count} of {len(jobs)} recordings rendered and tracked")
+        yield job, result
 
 
-def _alone(work: Callable[[Job], Result], job: Job) -> tuple[Job, Result]:
+def _results(work: Callable[[Job], Result], jobs: Sequence[Job], at_once: int) -> Iterator[tuple[Job, Result]]:
+    if at_once == 1:
+        for job in jobs:
+            yield job, work(job)
+        return
+    with workers(at_once) as client:
+        for done in on_workers(client, partial(_work_alone, work), dict(enumerate(jobs))):
+            if done.error:
+                raise WorkError(f"{jobs[done.key]}: {done.error}")
+            yield jobs[done.key], done.value
+
+
+def _work_alone(work: Callable[[Job], Result], job: Job) -> Result:
     cv2.setNumThreads(1)
-    return job, work(job)
+    return work(job)
 
 
 def provenance() -> dict[str, str]:

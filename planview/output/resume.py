@@ -13,6 +13,7 @@ import platform
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import fields, is_dataclass
 from fnmatch import translate
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -66,10 +67,21 @@ def calibration_key(recording: Any) -> str:
 
 
 def digest_of(values: object) -> str:
-    """Digest of plain values, arrays and dataclasses of these."""
-    import joblib  # a third of a second
+    """Digest of plain values, arrays, and lists, mappings and dataclasses of these."""
+    return key_of(_canonical(values))
 
-    return str(joblib.hash(values))
+
+def _canonical(value: object) -> object:
+    """Lists and texts that stand for a value; an array is its digest."""
+    if isinstance(value, np.ndarray):
+        return [value.dtype.str, value.shape, hashlib.sha256(value.tobytes()).hexdigest()]
+    if isinstance(value, dict):
+        return [[_canonical(key), _canonical(held)] for key, held in value.items()]
+    if isinstance(value, list | tuple):
+        return [_canonical(held) for held in value]
+    if is_dataclass(value):
+        return [type(value).__name__, *(_canonical(getattr(value, field.name)) for field in fields(value))]
+    return repr(value)
 
 
 _NO_CONTENT = re.compile("|".join(map(translate, ("truth.csv", "gt.txt", ".*", LOCK_NAME, *PRODUCTS))))
