@@ -18,11 +18,12 @@ if TYPE_CHECKING:
 CONNECT_S = 10.0
 WORKERS_S = 60.0
 """Time to wait for the first worker of a cluster, and for those that start again at the end [s]."""
-NO_WORKER_S = 120.0
+NO_WORKER_S = 300.0
 """Without any worker for this long, what is left fails [s]: a process that died starts again, late under heavy load."""
 LOCAL = {
     "distributed.scheduler.allowed-failures": 0,
     "distributed.scheduler.worker-saturation": 1.0,
+    "distributed.deploy.lost-worker-timeout": "600 s",  # or a process that takes 15 s to start again is given up
     "distributed.worker.profile.enabled": False,
     # Without Dask's own limit of malloc, under which every image is new memory: a quarter of the time.
     "distributed.nanny.pre-spawn-environ": dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), 1),
