@@ -120,7 +120,7 @@ class Viewpoints:
 
 def of_one_viewpoint(shots: Sequence[Sequence[AnyArray]], focal_widths: float) -> tuple[list[int], dict[int, str]]:
     """Numbers of the shots that show the view which most of them show, and, by number, how a camera looks elsewhere in
-    those that show another one. Shots that show too little to tell are in neither, unless all do."""
+    those that show another one. Shots that show too little to tell are in neither, unless no view but one shows."""
     groups = list[tuple[Viewpoints, list[int]]]()
     for number, shot in enumerate(shots):
         for viewpoints, members in groups:
@@ -130,8 +130,6 @@ def of_one_viewpoint(shots: Sequence[Sequence[AnyArray]], focal_widths: float) -
         else:
             groups.append((Viewpoints([shot], focal_widths), [number]))
     largest = max((members for _, members in groups), key=len, default=[])
-    if len(largest) == len(shots):
-        return largest, {}
     viewpoints = Viewpoints([shots[number] for number in largest], focal_widths)
     usual = list[int]()
     elsewhere = dict[int, str]()
@@ -141,9 +139,7 @@ def of_one_viewpoint(shots: Sequence[Sequence[AnyArray]], focal_widths: float) -
             elsewhere[number] = moved
         elif moved == "":
             usual.append(number)
-    if len(usual) == 1 and not elsewhere:
-        usual = [*range(len(shots))]
-    return usual, elsewhere
+    return (usual, elsewhere) if elsewhere else ([*range(len(shots))], {})
 
 
 class Standing(Carried):

@@ -65,9 +65,9 @@ def test_blank_shot_is_of_no_view_and_hides_none(level: int, blank_at: int) -> N
     assert (usual, [*others]) == (seen[:3], seen[3:])
 
 
-def test_shots_without_corners_are_all_kept() -> None:
-    blank = (np.full((480, WIDTH), 128, np.uint8),)
-    assert of_one_viewpoint([blank] * 3, FOCAL_WIDTHS) == ([0, 1, 2], {})
+def test_all_shots_are_kept_where_none_shows_another_view() -> None:
+    blank, seen = (np.full((480, WIDTH), 128, np.uint8),), (room(),)
+    assert of_one_viewpoint([blank, seen, blank, seen], FOCAL_WIDTHS) == ([0, 1, 2, 3], {})
 
 
 def test_standing_names_the_first_frame_and_holds_what_it_saw_while_too_little_shows() -> None:
