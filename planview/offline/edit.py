@@ -6,8 +6,11 @@
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -61,6 +64,8 @@ def _applied(table: Trajectories, line: str, newest: int) -> Trajectories:
 
 def _join(table: Trajectories, kept: int, _: int, other: int) -> Trajectories:
     _own(table, kept)
+    if kept < 1:
+        raise InputError(f"track {kept} was never confirmed, so it is nobody to join with")
     return _renamed(table, _own(table, other), kept)
 
 
@@ -102,26 +107,53 @@ def _shorter(table: Trajectories, seconds: float) -> Trajectories:
 
 def _join_gaps(table: Trajectories, seconds: float, metres: float) -> Trajectories:
     """Nearest first; a track is continued by one other at most, and continues one other at most."""
-    frame_s, known = frame_period_s(table, 1 / 30), np.isfinite(table.x_m) & np.isfinite(table.y_m)
-    tracks = [(i, rows[known[rows]], rows) for i, rows in rows_by_id(table.track_id) if known[rows].any()]
-    columns = [(i, at[0], at[-1], table.frame[rows[0]], table.frame[rows[-1]]) for i, at, rows in tracks]
-    # Ids, and the rows of their first and last floor positions; frames count from end to end.
-    track_id, firsts, lasts, first_frame, last_frame = np.array(columns, dtype=np.int64).reshape(-1, 5).T
-    near: list[tuple[float, int, int]] = []
-    for i in range(len(track_id)):
-        gap_s = (first_frame - last_frame[i]) * frame_s
-        away_m = np.hypot(table.x_m[firsts] - table.x_m[lasts[i]], table.y_m[firsts] - table.y_m[lasts[i]])
-        found = np.flatnonzero((gap_s > 0) & (gap_s <= seconds) & (away_m <= metres))
-        near += [(float(away_m[j]), i, j) for j in found.tolist()]
-    former: dict[int, int] = {}
-    for _, i, j in sorted(near):
-        if j not in former and i not in former.values():
-            former[j] = i
-    ids = track_id.copy()
-    for j in np.argsort(first_frame, kind="stable").tolist():
-        ids[j] = ids[former.get(j, j)]
-    new = dict(zip(track_id.tolist(), ids.tolist(), strict=True))
-    return _with_ids(table, np.array([new.get(i, i) for i in table.track_id.tolist()], dtype=np.int64))
+    tracks = _people(table)
+    starts = [track.first_frame for track in tracks]
+    frames = seconds / frame_period_s(table, 1 / 30) + 1e-9
+    pairs: list[tuple[float, int, int]] = []
+    for before, former in enumerate(tracks):
+        first = bisect_right(starts, former.last_frame)
+        end = bisect_right(starts, former.last_frame + frames)
+        for after in range(first, end):
+            away_m = math.dist(former.last_m, tracks[after].first_m)
+            if away_m <= metres:
+                pairs.append((away_m, before, after))
+    continued: set[int] = set()
+    former_of: dict[int, int] = {}
+    for _, before, after in sorted(pairs):
+        if before not in continued and after not in former_of:
+            continued.add(before)
+            former_of[after] = before
+    new_id: dict[int, int] = {}
+    for place, track in enumerate(tracks):
+        former_id = tracks[former_of[place]].track_id if place in former_of else track.track_id
+        new_id[track.track_id] = new_id.get(former_id, former_id)
+    ids = [new_id.get(track_id, track_id) for track_id in table.track_id.tolist()]
+    return _with_ids(table, np.array(ids, dtype=np.int64))
+
+
+class _Ends(NamedTuple):
+    """First and last frame of a track, and the places [m] where it was first and last seen."""
+
+    track_id: int
+    first_frame: int
+    last_frame: int
+    first_m: tuple[float, float]
+    last_m: tuple[float, float]
+
+
+def _people(table: Trajectories) -> list[_Ends]:
+    """The tracks with a place on the floor that were ever confirmed, by first frame; others are nobody's flickers."""
+    confirmed = np.unique(table.track_id[table.state == "confirmed"])
+    has_place = np.isfinite(table.x_m + table.y_m)
+    people = []
+    for track_id, rows in rows_by_id(table.track_id):
+        seen = rows[has_place[rows]]
+        if track_id in confirmed and len(seen):
+            first_m = float(table.x_m[seen[0]]), float(table.y_m[seen[0]])
+            last_m = float(table.x_m[seen[-1]]), float(table.y_m[seen[-1]])
+            people.append(_Ends(track_id, int(table.frame[rows[0]]), int(table.frame[rows[-1]]), first_m, last_m))
+    return sorted(people, key=lambda track: track.first_frame)
 
 
 def _own(table: Trajectories, track_id: int) -> Bool:

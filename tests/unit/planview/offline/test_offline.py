@@ -191,6 +191,14 @@ def test_gaps_are_joined_within_time_and_distance_in_chains_by_the_nearest():
     assert frames_of(edited(parts, ["join-gaps 1 1"])) == {1: (0, 19), 2: (12, 19)}
 
 
+def test_gaps_are_joined_between_people_and_not_with_a_flicker_that_ended_near_before() -> None:
+    flicker = with_state(tracks((-7, range(5), 0.0)), "tentative", 0, 4)
+    parts = concatenated([flicker, tracks((4, range(7, 20), 0.0), (5, range(22, 30), 0.0))])
+    assert frames_of(edited(parts, ["join-gaps 1 1"])) == {-7: (0, 4), 4: (7, 29)}
+    with pytest.raises(InputError, match="never confirmed"):
+        edited(parts, ["join -7 4"])
+
+
 @pytest.mark.parametrize(
     "line", ["", "fly 1", "join 1", "join 1 two", "split 1", "shorter", "shorter -1", "delete 1 2", "region x"]
 )
