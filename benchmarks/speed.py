@@ -239,5 +239,5 @@ def speed(*, options: SpeedOptions | None = None) -> None:
     if o.start:
         report(o.json_output, start=start_up(o.recording))
         return
-    engine = bench_engine(o.recording, o.tracker, load_config(overrides=o.set_), o.camera)
+    engine = bench_engine(o.recording, o.tracker, load_config(set=o.set_), o.camera)
     report(o.json_output, **compared(engine, o.frames))

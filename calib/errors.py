@@ -9,20 +9,7 @@ MESSAGE_MAX = 600
 
 
 class _OneLineError(Exception):
-    """Said in one line of printable characters, whatever the damaged file held that is quoted in it."""
-
-    def __str__(self) -> str:
-        """The message."""
-        return _one_line(super().__str__())
-
-
-class UnreadableError(ValueError):
-    """Why something that is there cannot be read, in words that end "found ...": raised where it is known, and carried
-    to the sentence that names the file or the topic."""
-
-
-class InputError(_OneLineError):
-    """Bad input or wrong usage: one sentence naming the file, what was expected and what was found (exit status 2).
+    """Said in one line of printable characters, whatever the damaged file held that is quoted in it.
 
     Attributes:
         argument: of a Python function, whose value is refused; the sentence begins with it.
@@ -31,7 +18,8 @@ class InputError(_OneLineError):
 
     def __init__(self, message: str, *, argument: str = "", remedy: str = "") -> None:
         super().__init__(message)
-        self.argument, self.remedy = argument, remedy
+        self.argument = argument
+        self.remedy = remedy
 
     def __str__(self) -> str:
         """The sentence, about Python's arguments."""
@@ -42,6 +30,15 @@ class InputError(_OneLineError):
         first = f"{name(self.argument)}: " if self.argument else ""
         last = f"; use {name(self.remedy)}" if self.remedy else ""
         return _one_line(f"{first}{self.args[0]}{last}")
+
+
+class UnreadableError(ValueError):
+    """Why something that is there cannot be read, in words that end "found ...": raised where it is known, and carried
+    to the sentence that names the file or the topic."""
+
+
+class InputError(_OneLineError):
+    """Bad input or wrong usage: one sentence naming the file, what was expected and what was found (exit status 2)."""
 
     def about(self, subject: str) -> InputError:
         """The same error with what it is about in front, such as a file."""
@@ -55,8 +52,8 @@ class WorkError(_OneLineError):
         in_pictures: whether pictures of the recording, with its depth and rows, show why.
     """
 
-    def __init__(self, message: str, *, in_pictures: bool = False) -> None:
-        super().__init__(message)
+    def __init__(self, message: str, *, remedy: str = "", in_pictures: bool = False) -> None:
+        super().__init__(message, remedy=remedy)
         self.in_pictures = in_pictures
 
 

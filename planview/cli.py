@@ -151,12 +151,10 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | N
     try:
         _refuse_empty(words)
         (make or make_app)(words)(words, exit_on_error=False, print_error=False)
-    except InputError as error:
+    except (InputError, WorkError) as error:
         from planview.commands.options import typed
 
-        _fail(typed(error), 2)
-    except WorkError as error:
-        _fail(str(error), 1)
+        _fail(typed(error), 2 if isinstance(error, InputError) else 1)
     except KeyboardInterrupt:
         _fail("interrupted", 130)
     except BrokenPipeError:

@@ -232,7 +232,7 @@ def human(
     console.print(f"fitting a camera to {len(taken)} sightings of people: half a minute for 50")
     found = calibrate_from_people(taken, size, lens, known=known, independent=independent, name=str(path))
     if not (found.assessment.enough or rough):
-        raise WorkError(f"{path}: {found.assessment.sentence}; the camera was not written (rough writes it)")
+        raise WorkError(f"{path}: {found.assessment.sentence}; the camera was not written", remedy="rough=True")
     picture = file.with_suffix(".png")
     with writing(file):
         file.parent.mkdir(parents=True, exist_ok=True)

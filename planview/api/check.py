@@ -131,7 +131,13 @@ def check(
     """
     path, options = Path(recording), opening(calibration, fps, topics, right)
     if quick:
-        reader, layout = find_layout(path, options)
+        try:
+            reader, layout = find_layout(path, options)
+        except InputError as error:
+            if error.remedy != "tracker":
+                raise
+            found = f"found one camera in {path}, which is checked without it"
+            raise InputError(f"expected a stereo pair or images with depth, {found}", argument="quick") from error
         return _contents(path, reader, layout)
     in_range("frames", frames, 4, 2000)
     known = None if person_height is None else _height(str(person_height))

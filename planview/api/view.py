@@ -5,11 +5,11 @@ from __future__ import annotations
 from importlib.metadata import version
 from pathlib import Path
 
-from calib.errors import InputError
+from calib.errors import InputError, WorkError
 from calib.io import missing
 from planview.output.folder import rrd_parts
 from planview.output.progress import PlainConsole
-from planview.output.viewer import PORT, WEB_PORT, Viewer
+from planview.output.viewer import PORT, WEB_PORT, Viewer, has_display
 
 
 def view(folder: Path | str, *, port: int = PORT, web: bool = False, web_port: int = WEB_PORT) -> None:
@@ -29,7 +29,7 @@ def view(folder: Path | str, *, port: int = PORT, web: bool = False, web_port: i
 
     Raises:
         InputError: no recording for the viewer in the folder, or one that it cannot read.
-        WorkError: the viewer cannot be started, or it failed.
+        WorkError: there is no display, or the viewer cannot be started, or it failed.
     """
     folder = Path(folder)
     recording = folder if folder.suffix == ".rrd" else folder / "run.rrd"
@@ -40,6 +40,8 @@ def view(folder: Path | str, *, port: int = PORT, web: bool = False, web_port: i
     parts = [recording] if folder.suffix == ".rrd" else rrd_parts(recording)
     for part in parts:
         refuse_broken(part)
+    if not web and not has_display():
+        raise WorkError("there is no display to open a window on", remedy="web=True")
     viewer = Viewer(parts, web=web, port=port, web_port=web_port)
     if viewer.page:
         console = PlainConsole(stderr=True, soft_wrap=True, highlight=False)

@@ -10,17 +10,33 @@ from planview.commands.options import say, typed
 from planview.commands.shell import JSON, Call, command
 from planview.output.progress import PlainConsole
 
+_OPENS = "calibration", "topics", "fps"
+"""Options that a recording is opened with, by every command."""
+
+
+def _recording_words(call: Call) -> str:
+    """The recording as it was typed, with the options that open it."""
+    words = [call["recording"]]
+    if call["right"] is not None:
+        words.append(call["right"])
+    for name in _OPENS:
+        if call[name] is not None:
+            words += [f"--{name}", str(call[name]).removesuffix(".0")]
+    return shlex.join(map(str, words))
+
 
 @command(api.check, own=JSON)
 def check(call: Call) -> None:
     result = call()
-    recording = shlex.quote(str(call["recording"]))
+    recording = _recording_words(call)
     if isinstance(result, api.RecordingContents):
         result.found["missing"] = [typed(error) for error in result.missing]
     if not call.prints_json(result.to_json()):
         PlainConsole(soft_wrap=not call["quick"], highlight=False).print(result)
         if call["quick"] and not result.missing:
-            PlainConsole(highlight=False).print(f"next         planview run {recording} --out out --rrd")
+            PlainConsole(highlight=False).print(
+                f"next         planview run {recording} --out out --rrd", soft_wrap=True
+            )
     if isinstance(result, api.RecordingContents):
         return
     for path in result.files:

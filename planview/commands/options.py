@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 
-from calib.errors import InputError
+from calib.errors import InputError, WorkError
 from calib.formats.one_camera import LensOnlyError
 
-_OPTIONS = {"camera": "calibration", "overrides": "set"}
+_OPTIONS = {"camera": "calibration"}
 """Options that are not called as the arguments of the functions below the public ones are."""
 
 
-def typed(error: InputError) -> str:
+def typed(error: InputError | WorkError) -> str:
     """The sentence of an error with options in place of Python's arguments, and with the command that writes a
     camera.toml, or the trackers of one camera, where these are needed."""
     sentence = re.sub(r"^(\w+)=: ", lambda argument: f"{_option(argument[1])}: ", error.sentence(_option))

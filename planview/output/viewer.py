@@ -70,8 +70,10 @@ class Viewer:
         finally:
             self.close()
         if status != 0:
-            hint = "is the port free?" if self.page else "it needs a display and a graphics driver; a page needs none"
-            raise WorkError(f"the rerun viewer ended with status {status} ({hint})")
+            if self.page:
+                raise WorkError(f"the rerun viewer ended with status {status} (is the port free?)")
+            needs = "a window needs a display and a graphics driver, a page needs none"
+            raise WorkError(f"the rerun viewer ended with status {status} ({needs})", remedy="web=True")
 
     def close(self) -> None:
         """End the viewer and the processes that it started."""

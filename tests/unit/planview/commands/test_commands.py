@@ -14,7 +14,7 @@ from toy_rgbd import write_toy_rgbd
 from toy_stereo import toy_rig
 
 from benchmarks.options import rendered
-from calib.errors import InputError
+from calib.errors import InputError, WorkError
 from calib.formats import load_rig, write_rig
 from calib.formats.one_camera import LensOnlyError
 from calib.ground_camera import GroundCamera, load_ground_camera, save_ground_camera
@@ -24,6 +24,7 @@ from planview.api.calibrate_pair import parse_board, parse_square
 from planview.api.calibrate_pose import parse_points
 from planview.api.run import is_of_one_camera
 from planview.api.sweep import sweep, varied
+from planview.api.view import view
 from planview.cli import main
 from planview.commands.check import check
 from planview.commands.options import typed
@@ -282,14 +283,47 @@ def test_images_without_times_are_refused_where_people_are_followed_and_calibrat
     assert cli("calibrate", "floor", folder, "--out", tmp_path / "world.toml")[0] == 0
 
 
-@pytest.mark.parametrize("words", [["check", "--quick"], ["run", "--out", "out"]])
-def test_a_video_of_one_camera_names_its_trackers(tmp_path, words, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    write_frames(tmp_path / "street.avi", [np.zeros((48, 64, 3), np.uint8)] * 4)
-    with pytest.raises(SystemExit):
-        main([words[0], "street.avi", *words[1:]])
-    printed = " ".join(capsys.readouterr().err.split())
+def street(folder: Path) -> Path:
+    """A video of one camera."""
+    write_frames(folder / "street.avi", [np.zeros((48, 64, 3), np.uint8)] * 4)
+    return folder / "street.avi"
+
+
+def test_a_run_of_one_camera_names_its_trackers(tmp_path, refused):
+    printed = refused("run", street(tmp_path), "--out", tmp_path / "out")
     assert "--tracker ellipse-particle, or --tracker human-model and --calibration camera.toml" in printed
+
+
+def test_a_quick_check_of_one_camera_advises_what_check_has(tmp_path, refused):
+    printed = refused("check", street(tmp_path), "--quick")
+    assert "--quick: " in printed and "--tracker" not in printed
+
+
+def test_a_quick_check_repeats_what_opens_the_recording_in_the_next_command(tmp_path, capsys):
+    save_rig(toy_rig((32, 24), focal_px=16.0), tmp_path / "rig.toml")
+    folder = recording(tmp_path / "recording")
+    check(folder, quick=True, calibration=tmp_path / "rig.toml", fps=5.0)
+    opens = f"{folder} --calibration {tmp_path / 'rig.toml'} --fps 5"
+    assert f"planview run {opens} --out out" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("error", [InputError, WorkError])
+def test_an_error_names_the_argument_in_python_and_the_option_on_the_command_line(error):
+    raised = error("there is no display", remedy="web=True")
+    assert str(raised) == "there is no display; use web=True" and typed(raised) == "there is no display; use --web"
+
+
+def test_a_parameter_that_is_none_is_refused_by_the_name_of_its_argument():
+    with pytest.raises(InputError, match=r"^set=: "):
+        load_config(set=["bogus"])
+
+
+def test_view_without_a_display_names_the_page(tmp_path, monkeypatch):
+    monkeypatch.setattr("planview.api.view.has_display", lambda: False)
+    monkeypatch.setattr("planview.api.view.refuse_broken", lambda part: None)
+    (tmp_path / "run.rrd").touch()
+    with pytest.raises(WorkError, match="web=True"):
+        view(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -335,7 +369,7 @@ def test_sweep_without_a_process_is_refused(tmp_path) -> None:
         (InputError("expected a rate", argument="fps"), "fps=: expected a rate", "--fps: expected a rate"),
         (InputError("no floor", remedy="boxes=True"), "no floor; use boxes=True", "no floor; use --boxes"),
         (InputError("/data/fps=: no images"), "/data/fps=: no images", "/data/fps=: no images"),
-        (InputError("expected a.b=1", argument="overrides"), "overrides=: expected a.b=1", "--set: expected a.b=1"),
+        (InputError("expected a.b=1", argument="set"), "set=: expected a.b=1", "--set: expected a.b=1"),
     ],
 )
 def test_arguments_of_python_are_shown_as_options(error, in_python, typed_as):
