@@ -19,12 +19,13 @@ from benchmarks.real import SingleTracker
 from calib.errors import InputError
 from planview.api.run import run
 from planview.counting.rules import RulePlane, Rules, load_rules, parse_rules
-from planview.counting.totals import Clock, CountScores, CrossingScores, count_tracks, count_truth, score_counts
+from planview.counting.totals import CountScores, CrossingScores, count_tracks, count_truth, score_counts
 from planview.engine.config import Config
 from planview.engine.engine import Engine
 from planview.engine.open import open_engine
 from planview.synthetic.assets import SCENES
 from planview.synthetic.scene import Scene, load_scene
+from planview.trajectories.clock import Clock
 from planview.trajectories.table import Trajectories, read_truth
 
 SINGLE = SCENES / "single"

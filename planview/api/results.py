@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, cast, get_args
 
-import numpy as np
 from rich.console import RenderableType
 from rich.progress import track
 from rich.table import Table
@@ -188,7 +187,6 @@ def render(
     from planview.output.render import SceneComposer, frames_or_none, scene_pictures_of, write_still, write_video
 
     results = RunFolder(folder, path_of(truth))
-    known = results.tracks.frame
     opened = frames_or_none(results, warnings.warn)
     composer = SceneComposer(results, trail, plan=not no_plan, truth=not no_truth)
     end = results.n_frames - 1
@@ -199,8 +197,8 @@ def render(
         return path
     path = path or folder / "scene.webm"
     first, last = (0, end) if frames is None else frame_span(frames)
-    if first > end or not len(known):
-        raise InputError(f"{folder}: expected frames from {first} on, found {int(np.max(known, initial=-1)) + 1}")
+    if first > end:
+        raise InputError(f"{folder}: expected frames from {first} on, found {end + 1}")
     last = min(last, end)
     pictures = scene_pictures_of(composer, opened, first, last, every)
     total = len(range(first, last + 1, every))

@@ -18,13 +18,14 @@ from planview.api.arguments import Frames, checked, frame_span, path_of, read_or
 from planview.counting import rules as rules_files
 from planview.counting.events import Event, read_events, write_event_header, write_event_rows
 from planview.counting.rules import AnalyticsParams, RulePlane, Rules, stereo_plane
-from planview.counting.totals import Clock, count_tracks, count_truth, score_counts, score_events
+from planview.counting.totals import count_tracks, count_truth, score_counts, score_events
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.explain import explanation
 from planview.evaluation.result import Evaluation, pooled
 from planview.output.folder import unfinished_note, write_result, writing
 from planview.output.run_folder import RunFolder
 from planview.trajectories.boxes import refuse_outside
+from planview.trajectories.clock import Clock
 from planview.trajectories.file import TrajectoryFile, limited
 from planview.trajectories.formats import (
     FilePair,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
@@ -15,7 +16,15 @@ from planview.offline.refine import Refined
 from planview.output.finished import EditedRun, edit_run, refine_run, undo_edits
 from planview.output.run_folder import RunFolder
 from planview.trajectories.file import TrajectoryFile, limited, region_of
-from planview.trajectories.formats import FORMATS, ExportName, load_file, prepared, tracks_file, write_file
+from planview.trajectories.formats import (
+    FORMATS,
+    ExportName,
+    load_file,
+    measured_rate,
+    prepared,
+    tracks_file,
+    write_file,
+)
 from planview.trajectories.layouts import stream_jsonl
 from planview.trajectories.rows import METRES
 from planview.trajectories.table import Trajectories, people_of
@@ -198,16 +207,22 @@ def export(
         raise InputError(f"expected a rate above 0, found {fps:g}", argument="fps")
     file = tracks_file(source) if source is not None else None
     walkable = region_of(area, "area=").wkt if area else None
+    run = RunFolder.around(source) if source is not None else None
     try:
         found = load_file(file) if file is not None else TrajectoryFile(table_of(tracks))
-        written = prepared(limited(found, region, ignore), to, fps=fps, area=walkable, lost=lost)
+        kept = limited(found, region, ignore)
+        if not len(kept.table):  # no row gives the rate
+            rate = found.fps or measured_rate(found.table) or (run.info.fps if run is not None else None)
+            kept = replace(kept, fps=rate)
+        written = prepared(kept, to, fps=fps, area=walkable, lost=lost)
     except InputError as error:
         raise error if file is None or str(file) in str(error) else error.about(str(file)) from error
     if file is None and out is None:
         raise InputError("expected a file for a table of tracks, found None", argument="out")
     path = Path(out) if out is not None else file.with_name(f"{file.stem}_{to}{FORMATS[to].suffix}")  # type: ignore[union-attr]
-    run, rate = source and RunFolder.around(source), written.fps or 0.0
-    exported = Exported(path, len(written.table), _people(written, run.frame_s if run else 1 / rate), rate)
+    rate = written.fps or 0.0
+    people = people_of(written.table, 1.0 / rate if run is None else run.frame_s)
+    exported = Exported(path, len(written.table), len(people), rate)
     if path == Path("-"):
         if to != "jsonl":
             raise InputError(f"only jsonl can be written to standard output, not {to}")
@@ -216,10 +231,6 @@ def export(
     _refuse_existing(path, file, overwrite)
     write_file(path, written, to, unit)
     return exported
-
-
-def _people(file: TrajectoryFile, frame_s: float) -> int:
-    return len(people_of(file.table, frame_s))
 
 
 def _refuse_existing(out: Path, source: Path | None, overwrite: bool) -> None:

@@ -19,54 +19,11 @@ from planview.counting.rules import AnalyticsParams, Placed, Queue, Rules
 from planview.counting.stream import Analytics, Stay, TrackPlaces
 from planview.evaluation.metrics import best_pairs
 from planview.evaluation.result import PEOPLE_GROUPS
-from planview.trajectories.table import IGNORED, Trajectories, frame_period_s, frame_times
+from planview.trajectories.clock import Clock, Span
+from planview.trajectories.table import IGNORED, Trajectories
 
 INTERVALS_MAX = 10_080
 """Intervals of the totals at most, a week of minutes: where the clock has jumped they are longer."""
-
-
-@dataclass(frozen=True)
-class Span:
-    """The time that the recording covers [s]; ``frame_s`` is the time per frame."""
-
-    start_s: float
-    end_s: float
-    frame_s: float
-
-    @property
-    def duration_s(self) -> float:
-        return self.end_s - self.start_s
-
-    @property
-    def n_frames(self) -> int:
-        return max(1, round(self.duration_s / self.frame_s))
-
-    def frame_times(self) -> F64:
-        return self.start_s + self.frame_s * np.arange(self.n_frames, dtype=np.float64)
-
-
-class Clock:
-    """Frame to time, interpolated between the rows with times and extrapolated beyond them, at ``fps`` [1/s] where
-    fewer than two frames have one. Raises InputError: no rate is given then."""
-
-    def __init__(self, tracks: Trajectories, fps: float | None = None) -> None:
-        frames, times = frame_times(tracks)
-        self.frame_s = frame_period_s(tracks, 1.0 / fps if fps else math.nan)
-        if math.isnan(self.frame_s):
-            raise InputError("the tracks have neither timestamps nor a frame rate", remedy="fps")
-        self._frames = frames if len(frames) else np.zeros(1, dtype=np.int64)
-        self._times = times if len(frames) else np.zeros(1)
-
-    def at(self, frame: I64) -> F64:
-        """(N,) times [s] of (N,) frames."""
-        inside = np.interp(frame, self._frames, self._times)
-        beyond = np.minimum(frame - self._frames[0], 0) + np.maximum(frame - self._frames[-1], 0)
-        return np.asarray(inside + beyond * self.frame_s)
-
-    def span(self, n_frames: int) -> Span:
-        """From frame 0 to the end of the last of n_frames."""
-        start, last = self.at(np.array([0, max(0, n_frames - 1)]))
-        return Span(float(start), float(last) + self.frame_s, self.frame_s)
 
 
 @dataclass(frozen=True, eq=False)

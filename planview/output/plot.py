@@ -181,7 +181,7 @@ def _legends(figure: Figure, places: dict[Panel, Axes], runs: Sequence[NamedTrac
         is_plan = panel == "paths"
         by_id = is_plan and colour == "id" and len(runs) == 1
         names = axes.get_legend_handles_labels()[1]
-        if len(names) < 2 and not by_id:
+        if not names or (len(names) < 2 and not by_id):
             continue
         at = (0.0, -0.09) if is_plan else (1.0, 1.0)
         axes.legend(

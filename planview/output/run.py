@@ -27,7 +27,7 @@ from planview.checks.check import Check
 from planview.checks.examine import RecordingWatch, refuse_unless_ok
 from planview.counting.events import Event
 from planview.counting.stream import Analytics
-from planview.counting.totals import Counts, Span
+from planview.counting.totals import Counts
 from planview.engine.engine import Engine, FrameResult
 from planview.output import resume
 from planview.output.folder import (
@@ -40,6 +40,7 @@ from planview.output.folder import (
     write_run_info,
 )
 from planview.output.tables import RunTables
+from planview.trajectories.clock import Span
 from planview.trajectories.table import is_person
 
 

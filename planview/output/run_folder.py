@@ -16,11 +16,11 @@ from calib.io import expecting
 from calib.types import F64, I64, Bool
 from planview.counting.events import Event, read_events
 from planview.counting.rules import RulePlane
-from planview.counting.totals import Clock, Span
 from planview.drawing.plan import PlanBounds, bounds_of
 from planview.drawing.rules import Rule, rules_of
 from planview.engine.info import camera_of
 from planview.output.folder import RunInfo, read_run_info
+from planview.trajectories.clock import Clock, Span
 from planview.trajectories.formats import load_truth
 from planview.trajectories.table import Trajectories, people_of, read_tracks
 from stereo.recording import OpenOptions

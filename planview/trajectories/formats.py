@@ -19,6 +19,7 @@ from calib.errors import InputError, WorkError
 from calib.io import entries, expecting, read_text, reason, require_file, whole_file
 from planview.trajectories import layouts, rows
 from planview.trajectories.boxes import named_columns, read_motchallenge, write_motchallenge
+from planview.trajectories.clock import Clock
 from planview.trajectories.file import TrajectoryFile, checked_rate, surrounding_area
 from planview.trajectories.table import (
     Trajectories,
@@ -177,9 +178,7 @@ def prepared(
         if len(table) and not usable.any():
             raise InputError("expected trajectories with floor positions, found none")
         table = table.where(confirmed & usable)
-    rate = fps or file.fps or measured_rate(file.table)
-    if rate is None:
-        raise InputError("the trajectories have neither timestamps nor a frame rate", remedy="fps")
+    rate = fps or file.fps or measured_rate(file.table) or 1.0 / Clock(file.table).frame_s
     if not np.isfinite(file.table.timestamp_s).any():
         table = replace(table, timestamp_s=table.frame / rate)
     frames, times = frame_times(table)

@@ -42,7 +42,8 @@ _VALUES = ("x_m", "y_m", "vx_mps", "vy_mps", "height_m")
 def stream_jsonl(out: IO[str], table: Trajectories) -> None:
     """JSON lines: one per frame that has rows; what is unknown is null."""
     frames, first = np.unique(table.frame, return_index=True)
-    for frame, start, end in zip(frames.tolist(), first.tolist(), [*first[1:].tolist(), len(table)], strict=True):
+    ends = np.searchsorted(table.frame, frames, side="right")
+    for frame, start, end in zip(frames.tolist(), first.tolist(), ends.tolist(), strict=True):
         people = [
             {name.removeprefix("track_"): _known(value) for name, value in vars(person).items()}
             for person in row_states(table, slice(start, end))

@@ -97,6 +97,8 @@ def plot_density(rows: DataFrame, axes: Axes) -> Axes:
     from scipy.ndimage import gaussian_filter
 
     shown, x, y = _on_floor(rows, DENSITY_CELL_M)
+    if shown.empty:
+        return _floor_axes(axes, "m")
     people, _, _ = np.histogram2d(shown["u"], shown["v"], bins=[x, y])
     density = gaussian_filter(people, DENSITY_BLUR_M / DENSITY_CELL_M) / (_frames(rows) * DENSITY_CELL_M**2)
     shades = axes.pcolormesh(x, y, np.ma.masked_less(density.T, 0.04 * density.max()), cmap="inferno", alpha=0.75)
@@ -108,6 +110,8 @@ def plot_flow(rows: DataFrame, axes: Axes) -> Axes:
     """Draw the specific flow seen from above: density times mean velocity, in people per metre and second, as arrows.
     Raises InputError: no positions on the floor."""
     shown, x, y = _on_floor(rows, FLOW_CELL_M)
+    if shown.empty:
+        return _floor_axes(axes, "m")
     velocities = shown[["vx_mps", "vy_mps"]]
     if velocities.isna().all(axis=None):  # a table of places alone
         by_person = shown.groupby("id")
@@ -127,12 +131,14 @@ def plot_flow(rows: DataFrame, axes: Axes) -> Axes:
 
 
 def _on_floor(rows: DataFrame, cell_m: float) -> tuple[DataFrame, F64, F64]:
-    """Confirmed rows on the floor, and the edges of cells around them [m]."""
+    """Confirmed rows on the floor, and the edges of cells around them [m]; none where there is nobody."""
     placed, unit = _placed(rows)
     shown = _of_people(placed)
     shown = shown[shown["state"] == "confirmed"]
-    if unit != "m" or shown.empty:
+    if unit != "m":
         raise InputError("expected trajectories on the floor, found none")
+    if shown.empty:
+        return shown, np.empty(0), np.empty(0)
     low, high = shown[["u", "v"]].min() - 1.0, shown[["u", "v"]].max() + 1.0
     x, y = (np.arange(low[name], high[name] + cell_m, cell_m) for name in ("u", "v"))
     return shown, x, y

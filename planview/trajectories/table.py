@@ -209,7 +209,7 @@ class Trajectories:
 
             axes = matplotlib.pyplot.subplots(figsize=(7, 6), layout="constrained")[1]
         plot_paths(self.to_dataframe(), axes, colour=colour)
-        if colour == "id" and len(self):
+        if axes.get_legend_handles_labels()[1]:
             axes.legend(title="person", fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
         return axes
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from cli import Cli, JsonOf, Refused
 
+from planview.api.tracks import export
 from planview.cli import main
 from planview.output.render import scene_of
 from planview.trajectories.formats import load_file
@@ -119,3 +120,36 @@ def test_cloud_of_a_recording_is_a_ply_file(cli: Cli, recording: Path, tmp_path:
 @pytest.mark.parametrize("words", [["--cloud", "scene.txt"], [], ["--cloud", "a.ply", "--to", "csv"]])
 def test_export_without_a_known_format_is_refused(refused: Refused, recording: Path, words: list[str]) -> None:
     assert "--to" in refused("export", recording, *words) or words[-1] == "scene.txt"
+
+
+FORMATS = "csv", "jsonl", "pedpy", "ped-data-archive", "jupedsim", "motchallenge", "parquet"
+
+
+@pytest.mark.parametrize("to", FORMATS)
+def test_a_table_without_a_row_is_nobody_in_every_format(to: str, cli: Cli, tmp_path: Path) -> None:
+    empty = positions_table(np.empty(0, int), np.empty(0, int), np.empty((0, 2)))
+    with (tmp_path / "tracks.csv").open("w") as file:
+        write_table(file, empty)
+    assert cli("export", tmp_path / "tracks.csv", "--to", to, "--out", tmp_path / "export")[0] == 0
+    assert len(load_file(tmp_path / "export").table) == 0
+
+
+@pytest.mark.parametrize("command", ["count", "plot", "density", "evaluate"])
+def test_nobody_is_counted_drawn_and_scored(command: str, cli: Cli, tmp_path: Path) -> None:
+    nobody = tmp_path / "tracks.csv"
+    nobody.write_text("frame,id,x_m,y_m,height_m\n")
+    rules = tmp_path / "rules.toml"
+    rules.write_text('[[tripwire]]\nname = "door"\nfrom_m = [0, 0]\nto_m = [1, 0]\n')
+    words = {
+        "count": ("count", nobody, "--rules", rules),
+        "plot": ("plot", nobody),
+        "density": ("plot", nobody, "--what", "density", "--what", "flow"),
+        "evaluate": ("evaluate", nobody, nobody),
+    }
+    assert cli(*words[command])[0] == 0
+
+
+def test_nobody_in_a_region_is_exported_at_the_rate_of_the_tracks(tracks: Path) -> None:
+    away = "POLYGON ((50 50, 51 50, 51 51, 50 50))"
+    written = export(tracks, "pedpy", region=away, out=tracks.with_name("t.txt"))
+    assert (written.rows, written.people, written.fps) == (0, 0, FPS)

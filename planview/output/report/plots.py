@@ -13,13 +13,13 @@ import numpy as np
 
 from calib.images import encode_image
 from calib.types import F64, I64, Bool
-from planview.counting.totals import Clock
 from planview.drawing.people import facing_line, paint_facing
 from planview.drawing.plan import PlanPainter
 from planview.drawing.style import ERRORS, TRUTH, Labels, as_bgr, as_hex
 from planview.evaluation.significant import SignificantError
 from planview.maps.recording import is_maps
 from planview.output.run_folder import RunFolder
+from planview.trajectories.clock import Clock
 from planview.trajectories.plot import person_hex, person_rgb
 from planview.trajectories.table import Trajectories, row_states
 

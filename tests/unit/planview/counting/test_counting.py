@@ -24,7 +24,8 @@ from planview.counting.rules import (
     stereo_plane,
 )
 from planview.counting.stream import Analytics
-from planview.counting.totals import INTERVALS_MAX, Clock, count_tracks, crossing_scores, occupancy_groups
+from planview.counting.totals import INTERVALS_MAX, count_tracks, crossing_scores, occupancy_groups
+from planview.trajectories.clock import Clock
 from planview.trajectories.state import TrackState
 from planview.trajectories.table import Trajectories, TrajectoryCollector, positions_table, row_states, table_of
 from stereo.depth import RectifiedGeometry

@@ -11,7 +11,8 @@ import pytest
 from planview.counting.events import Event
 from planview.counting.rules import AnalyticsParams, RulePlane, load_rules, parse_rules
 from planview.counting.stream import Analytics
-from planview.counting.totals import Clock, Counts, count_tracks, count_truth
+from planview.counting.totals import Counts, count_tracks, count_truth
+from planview.trajectories.clock import Clock
 from planview.trajectories.state import State, TrackState
 from planview.trajectories.table import Trajectories, positions_table
 

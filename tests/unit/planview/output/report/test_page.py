@@ -14,7 +14,6 @@ import pytest
 from calib.errors import InputError, WorkError
 from calib.types import U8
 from planview.cli import main
-from planview.counting.totals import Clock
 from planview.engine.config import Config
 from planview.engine.info import CameraInfo, FloorInfo
 from planview.evaluation.significant import SignificantError
@@ -25,6 +24,7 @@ from planview.output.report.plots import UNHELD, heat_plot, held_by, identity_pi
 from planview.output.report.snapshots import busiest_frame, scene_pictures
 from planview.output.run_folder import RunFolder
 from planview.output.tables import DECISION_COLUMNS
+from planview.trajectories.clock import Clock
 from planview.trajectories.table import Trajectories, positions_table
 
 HEADER = "frame,timestamp_s,id,x_m,y_m,height_m,state\n"
