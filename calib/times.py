@@ -1,14 +1,29 @@
-"""The judge of the times of frames, of recordings and of tables: rate, gaps, bursts, clocks that were set."""
+"""Times of frames, of recordings and of tables: how they are written, and their rate, gaps, bursts and jumps."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from decimal import Decimal
+from itertools import groupby
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
+from calib.errors import InputError
 from calib.types import F64, I64, Bool
+
+NS = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
+"""Nanoseconds of a unit of time."""
+UNITS = {**dict(zip(NS, NS, strict=True)), "sec": "s", "msec": "ms", "usec": "us", "nsec": "ns"}
+"""Units by the names that columns have for them."""
+EARLIEST_S = 9.0e8
+LATEST_S = 4.2e9
+"""Seconds since 1970 of the years 1998 and 2103: between them lies the time of every clock that was set."""
 
 JUMP_S = 3600.0
 """A step this long, or ten frame periods back, is a clock that was set, not a pause."""
@@ -25,6 +40,161 @@ BUFFERED_S = 0.01
 """Steps within a burst are shorter [s]: the frames were taken before and arrive as fast as they can be read."""
 UNEVEN = 0.25
 """Deviation of the steps over the frame period from which times are called uneven."""
+
+
+_LONGEST_STEP = {"s": 2, "ms": 2_000, "us": 2_000_000}
+"""Steps between frames up to 2 s give the unit of a clock that counts from the start of the machine: two units differ
+by a factor of 1000, the periods of cameras (1 to 250 Hz) by 250."""
+_NUMBER = re.compile(r"[+-]?\d{1,20}(\.\d{0,30})?([eE][+-]?\d{1,2})?")
+_DATE = re.compile(
+    r"(?:((?:19|20)\d\d)[-/]?(\d\d)[-/]?(\d\d)[T _]*)?(\d\d)(?(1):?|:)(\d\d)(?(1):?|:)(\d\d)(?:[.,]?(\d+))?"
+    r" *(?:Z|UTC|([+-])(\d\d):?(\d\d)?)?",
+    re.IGNORECASE,
+)
+COUNTED = 1.25
+"""Numbers within a second that go up to this many times the frames in it count them: decimals go up to the whole."""
+
+
+class Stamps(NamedTuple):
+    """Times of frames: (n,) int64 [ns] by the recorder's clock, and the unit in which they were written, "s", "ms",
+    "us", "ns" or "date"."""
+
+    ns: I64
+    unit: str
+
+
+def read_stamps(source: Path | str, texts: Sequence[str], unit: str | None = None) -> Stamps:
+    """Times as recorders write them, to the last digit.
+
+    All are numbers, whose unit is that of ``unit_of``, or all are dates or times of day as ISO 8601 writes them, in UTC
+    where they have no offset. Raises InputError, which begins with the source: other text, or a time that no clock
+    shows.
+    """
+    dates = [_DATE.fullmatch(text.strip()) for text in texts]
+    if any(dates):
+        unit = "date"
+        values = [_ns_of_date(source, text, date) for text, date in zip(texts, dates, strict=True)]
+    else:
+        numbers = [_number(source, text) for text in texts]
+        unit = unit_of(np.array(numbers, dtype=np.float64), unit)
+        values = [int(number * NS[unit]) for number in numbers]
+    for text, value in zip(texts, values, strict=True):
+        if abs(value) > 2**62:
+            raise InputError(f"{source}: expected times, found {text[:40]!r} ({unit})")
+    return Stamps(np.array(values, dtype=np.int64), unit)
+
+
+def unit_of(numbers: F64, named: str | None = None) -> str:
+    """The unit of (n,) times: the one that is named, unless no clock counts so many of it; that in which they are times
+    since 1970; else that of their usual step."""
+    finite = numbers[np.isfinite(numbers)]
+    largest_s = float(np.abs(finite).max(initial=0.0)) / NS["s"]
+    if named is not None and largest_s * NS[named] <= LATEST_S:
+        return named
+    steps = np.abs(np.diff(finite))
+    steps = steps[steps > 0]
+    step = float(np.median(steps)) if len(steps) else 0.0
+    for unit, ns in NS.items():
+        if EARLIEST_S <= largest_s * ns <= LATEST_S and step * ns < JUMP_S * NS["s"]:
+            return unit
+    if not step:
+        return "s"
+    return next((unit for unit, longest in _LONGEST_STEP.items() if step <= longest), "ns")
+
+
+def seconds_of(source: Path | str, values: np.ndarray) -> F64:
+    """(n,) times [s] of the cells of a table, NaN where there is none: numbers, seconds unless no clock counts so many,
+    or dates. Raises InputError: see ``read_stamps``."""
+    if values.dtype.kind in "biuf":
+        numbers = np.asarray(values, dtype=np.float64)
+        return numbers * (NS[unit_of(numbers, "s")] / NS["s"])
+    texts = [str(value).strip() for value in values]
+    known = [i for i, text in enumerate(texts) if text.lower() not in ("", "nan", "nat", "none")]
+    seconds = np.full(len(texts), np.nan)
+    seconds[known] = read_stamps(source, [texts[i] for i in known], "s").ns / NS["s"]
+    return seconds
+
+
+def is_time(text: str) -> bool:
+    """Whether a text is a number, a date or a time of day."""
+    text = text.strip()
+    return bool(_NUMBER.fullmatch(text) or _DATE.fullmatch(text))
+
+
+def _number(source: Path | str, text: str) -> Decimal:
+    text = text.strip()
+    if not _NUMBER.fullmatch(text) or abs(Decimal(text)) > 10**19:
+        raise _no_time(source, text)
+    return Decimal(text)
+
+
+def _no_time(source: Path | str, text: str) -> InputError:
+    expected = "a time (a number, or a date such as 2023-10-29T02:59:59.3+01:00)"
+    return InputError(f"{source}: expected {expected}, found {text[:40]!r}")
+
+
+def _ns_of_date(source: Path | str, text: str, match: re.Match[str] | None) -> int:
+    """Nanoseconds since 1970 of a date, or since midnight of a time of day."""
+    if match is None:
+        raise _no_time(source, text)
+    year, month, day, hour, minute, second, decimals, sign, offset_h, offset_min = match.groups()
+    date = int(year or 1970), int(month or 1), int(day or 1)
+    try:
+        moment = datetime(*date, int(hour), int(minute), int(second), tzinfo=UTC)
+    except ValueError as error:
+        raise _no_time(source, text) from error
+    offset_s = 3600 * int(offset_h or 0) + 60 * int(offset_min or 0)
+    if sign == "-":
+        offset_s = -offset_s
+    nanoseconds = int((decimals or "0")[:9].ljust(9, "0"))
+    return (round(moment.timestamp()) - offset_s) * NS["s"] + nanoseconds
+
+
+def within_seconds(seconds: Sequence[int], parts: Sequence[str]) -> list[str] | None:
+    """Decimals of the times of frames, whose whole seconds and number within the second are written apart.
+
+    The number holds the decimals, or counts milliseconds, microseconds, nanoseconds or frames. None where it counts
+    frames and no whole second shows how many there are.
+    """
+    runs = [[int(parts[i]) for i in run] for _, run in groupby(range(len(parts)), key=seconds.__getitem__)]
+    if _count_frames(runs):
+        return _decimals_of_counts(runs)
+    longest = max(map(len, parts))
+    width = next((digits for digits in (3, 6, 9) if digits >= longest), longest)
+    padded = [part.zfill(width) for part in parts]
+    if len(set(map(len, parts))) == 1:
+        return list(parts)
+
+    def unevenness(decimals: Sequence[str]) -> float:
+        times = [second - seconds[0] + float(f"0.{part}") for second, part in zip(seconds, decimals, strict=True)]
+        return float(np.std(np.diff(np.sort(times))))
+
+    return min(list(parts), padded, key=unevenness)
+
+
+def _count_frames(runs: Sequence[Sequence[int]]) -> bool:
+    """Whether the numbers of each second count its frames, from 0 or 1 and nearly without a gap."""
+    first = min(map(min, runs))
+    largest = max(map(max, runs))
+    most = max(map(len, runs))
+    rising = all((np.diff(run) > 0).all() for run in runs)
+    return rising and first <= 1 < most and largest - first < COUNTED * most
+
+
+def _decimals_of_counts(runs: Sequence[Sequence[int]]) -> list[str] | None:
+    """Decimals of frames that are counted in each second: those between the first and the last second are whole."""
+    first = min(map(min, runs))
+    counts = [run[-1] - first + 1 for run in runs]
+    if len(runs) < 3:
+        return None
+    usual = float(np.median(counts[1:-1]))
+    decimals = []
+    for run, count in zip(runs, counts, strict=True):
+        rate = max(usual, count)
+        begins_late = run is runs[0] and run[0] == first  # the recording begins within its first second
+        begin = first - (rate - count) * begins_late
+        decimals += [f"{(number - begin) / rate:.9f}"[2:] for number in run]
+    return decimals
 
 
 @dataclass(frozen=True)

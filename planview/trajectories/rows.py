@@ -12,13 +12,14 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.io import UNITS_M, expecting
+from calib.times import NS, UNITS, seconds_of
 from calib.types import F64
 from planview.trajectories.file import TrajectoryFile, checked_rate
 from planview.trajectories.table import HEIGHTS_M, separators, table_of
 
 METRES = {"m": 1.0, "cm": 0.01}
 _LENGTHS = {**UNITS_M, **dict.fromkeys(("meter", "meters", "metre", "metres"), 1.0)}
-_UNITS = {**_LENGTHS, "s": 1.0, "sec": 1.0, "ms": 0.001}
+_UNITS = {**_LENGTHS, **{name: NS[unit] / NS["s"] for name, unit in UNITS.items()}}
 _RATE = re.compile(r"(?:framerate\s*[:=]?|(?:frame rate|fps)\s*[:=])\s*([^\s,;]+)", re.IGNORECASE)
 _STATED = re.compile(rf"(?:\bin\s+|x\s*[/\[(]\s*)({'|'.join(_LENGTHS)})\b", re.IGNORECASE)
 _UNIT = re.compile(rf"(?:\s+in)?[\s/_(\[]+({'|'.join(_UNITS)})\s*[)\]]?$", re.IGNORECASE)
@@ -74,6 +75,8 @@ def read_rows(path: Path, start: str) -> TrajectoryFile:
     rows = [line for line in start.splitlines()[header + 1 :] if line.strip() and line[0] not in "#*"] or [""]
     between, decimal = separators(rows[0])
     expected = f"rows of {' '.join(columns) or 'id frame x y z'}"
+    times, time_unit = columns.get("time", (-1, None))
+    dates = ":" in (re.split(between, rows[0])[times : times + 1] or [""])[0]
     with (
         expecting(path, expected, OSError, ValueError),
         warnings.catch_warnings(),
@@ -87,6 +90,7 @@ def read_rows(path: Path, start: str) -> TrajectoryFile:
             skiprows=header + 1 + (header >= 0 and re.search(r"\d", rows[0]) is None),  # Pathfinder's line of units
             usecols=[place for place, _ in columns.values()] or None,
             ndmin=2, dtype=np.float64, quotechar='"',
+            converters={times: lambda text: float(seconds_of(path, np.array([text]))[0])} if dates else None,
         )  # fmt: skip
     table = table if len(table) else np.empty((0, len(columns) or 5))
     if table.shape[1] < 4:
@@ -106,6 +110,8 @@ def read_rows(path: Path, start: str) -> TrajectoryFile:
     units = {"id": 1.0, "frame": 1.0, "time": 1.0, "visible": 1.0}
     named = zip(columns.items(), table.T, strict=False)
     values = {name: cells * (own or units.get(name, unit)) for (name, (_, own)), cells in named}
+    if time_unit in (None, 1.0) and "time" in values:
+        values["time"] = seconds_of(path, values["time"])
     names = {"time": "timestamp_s", "x": "x_m", "y": "y_m", "z": "height_m"}
     cells = {names.get(name, name): column for name, column in values.items()}
     if "z" in values:

@@ -15,7 +15,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.io import expecting, reason, require_file
-from calib.times import doubts, period_of, run_on
+from calib.times import doubts, is_time, period_of, run_on, seconds_of
 from calib.types import F64, I64, Bool
 from planview.trajectories.state import TrackState
 
@@ -59,6 +59,8 @@ def table_of(columns: Mapping[str, Any] | DataFrame, source: Path | str) -> Traj
         if name not in columns:
             raise InputError(f"{source}: expected the column {name!r}, found {', '.join(map(str, columns)) or 'none'}")
     known = {name: np.asarray(columns[name]) for name in COLUMNS if name in columns}
+    if "timestamp_s" in known:
+        known["timestamp_s"] = seconds_of(source, known["timestamp_s"])
     with expecting(source, "numbers in the columns of tracks", TypeError, ValueError, OverflowError):
         rows = pandas.DataFrame(known, columns=list(COLUMNS)).astype(dict.fromkeys((*NUMBER_COLUMNS, "visible"), "f8"))
     rows = rows.fillna({"state": "confirmed", "visible": 1.0})
@@ -102,11 +104,14 @@ def _read(file: Path | str, required: Sequence[str], what: str) -> Trajectories:
     try:
         with path.open(encoding="utf-8-sig", newline="") as text:
             first = text.readline()
-            between, decimal = separators(first + text.readline())
+            second = text.readline()
+            between, decimal = separators(first + second)
             names = next(csv.reader([first], delimiter=between), [])
             if missing := [name for name in required if name not in names]:
                 raise InputError(f"{path}: expected a {what} file with the column {missing[0]!r}, found {names}")
         kinds = {name: "str" if name == "state" else "f8" for name in COLUMNS if name in names}
+        if "timestamp_s" in kinds and ":" in second:  # dates
+            kinds["timestamp_s"] = "str"
         cells = pandas.read_csv(
             path, usecols=list({*kinds, names[-1]}), dtype=kinds, index_col=False, keep_default_na=False,
             na_values=["", " ", "nan", "NaN"], skipinitialspace=True, float_precision="round_trip",
@@ -143,6 +148,8 @@ def _expected(name: str, cell: str) -> str:
     """What a cell should be; empty where it is."""
     if name == "state":
         return "" if cell in ("", *STATES) else f"a state of {', '.join(STATES)}"
+    if name == "timestamp_s" and is_time(cell):
+        return ""
     try:
         whole = float(cell or "nan") % 1 == 0 or name not in ("frame", "id")
     except ValueError:

@@ -21,10 +21,10 @@ from calib.times import rate_of_times, spread_bursts
 from calib.types import F64, I64
 from calib.world import load_world
 from stereo.depth import Depths
-from stereo.readers.images import Colour, Images, Size, Stream, bits_note, bits_of, images_of
+from stereo.readers.images import Colour, Images, Size, Stream, bits_note, bits_of, frame_number, images_of
 from stereo.readers.pairing import ONE_TIME, TimePairs, pair_stamps
 from stereo.readers.state import rectified_rig, settled
-from stereo.readers.times import load_timestamps, unused_times
+from stereo.readers.times import holds_date, load_timestamps, unused_times
 from stereo.recording import (
     Decoded,
     DecodedPair,
@@ -213,7 +213,12 @@ def rgbd_layout(
 
 
 def clock_of(
-    folder: Path, options: OpenOptions, n_frames: int, file_fps: float = math.nan, raw: bool = False
+    folder: Path,
+    options: OpenOptions,
+    n_frames: int,
+    file_fps: float = math.nan,
+    raw: bool = False,
+    files: Sequence[Path | None] = (),
 ) -> FrameClock:
     """The caller's rate, else timestamps.csv, else the files' own times, else none.
 
@@ -221,22 +226,34 @@ def clock_of(
         n_frames: frames announced, 0 when unknown.
         file_fps: rate that the files announce; NaN when they hold none.
         raw: the files hold no times, and their rate is the decoder's.
+        files: an image of each frame, None where there is none.
     """
     if options.fps is not None:
         return FrameClock(options.fps, even=True)
     file = folder / "timestamps.csv"
     if file.is_file():
-        times, notes = load_timestamps(file)
-        if len(times) == n_frames + 1 and not math.isfinite(times[0]):
-            times, notes = times[1:], (*notes, f"frames of {file.name} are counted from 1")
-        known = int(np.count_nonzero(np.isfinite(times[:n_frames])))
-        if known < n_frames:
-            notes += (f"{file.name} has times of {known} of {n_frames} frames: the others follow at the same rate",)
+        there = [i for i in range(n_frames) if not files or files[i]]
+        times, notes = load_timestamps(file, _numbers(files, n_frames), there)
+        timed = int(np.count_nonzero(np.isfinite(times[there])))
+        if timed < len(there):
+            notes += (f"{file.name} has times of {timed} of {len(there)} frames: the others follow at the same rate",)
         return clock_of_times(times, (*notes, *unused_times(folder, file)))
     unused = unused_times(folder, None)
     if math.isfinite(file_fps) and not raw:
         return FrameClock(file_fps, None, unused)
-    return no_clock("the frames have no times, and there is no timestamps.csv", *unused)
+    whole = [f"{file.name} holds the second, but no time within it" for file in files if file and holds_date(file)]
+    return no_clock("the frames have no times, and there is no timestamps.csv", *whole[:1], *unused)
+
+
+def _numbers(files: Sequence[Path | None], n_frames: int) -> Sequence[int]:
+    """The number of every frame in the names of its image, also of those between that have none; from 0 where names
+    do not count the frames."""
+    there = [i for i, file in enumerate(files) if file]
+    numbers = [frame_number(file) for file in files if file]
+    named = [number for number in numbers if number is not None]
+    if not named or len(named) < len(numbers) or (np.diff(named) <= 0).any():
+        return range(n_frames)
+    return [round(float(number)) for number in np.interp(range(n_frames), there, named)]
 
 
 def clock_of_pairs(pairs: TimePairs, options: OpenOptions) -> FrameClock:

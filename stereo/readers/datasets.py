@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from decimal import Decimal
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,17 +18,17 @@ import numpy as np
 from calib.camera import Camera
 from calib.errors import InputError
 from calib.formats import load_rig
-from calib.formats.base import read_source
 from calib.formats.rgbd import find_rgbd, load_rgbd
 from calib.io import entries, read_text
 from calib.rig import RgbdRig
+from calib.times import is_time, read_stamps
 from calib.types import I64
 from stereo.depth import Depths
 from stereo.readers.base import Layout, Reader, TimedFiles, clock_of_times, own_times, rgbd_layout, timed_layout
 from stereo.readers.folders import files_layout
 from stereo.readers.images import Colour, frame_number, image_files, images_of
 from stereo.readers.pairing import MAX_APART_S, depth_note, nearest_mates
-from stereo.readers.times import MAX_BYTES, NS, read_stamps, stamp_list
+from stereo.readers.times import MAX_BYTES, list_in, read_rows
 from stereo.recording import FrameClock, OpenOptions
 
 
@@ -53,18 +51,38 @@ def _euroc_find(path: Path, options: OpenOptions) -> Layout:
 
 
 def _euroc_camera(folder: Path) -> TimedFiles:
-    data, listed = folder / "data", folder / "data.csv"
-    if listed.is_file():
-        lines = read_text(listed, "rows of timestamp,filename", MAX_BYTES).splitlines()
-        rows = [line.split(",") for line in lines if line.strip() and not line.lstrip().startswith("#")]
-        if short := [row for row in rows if len(row) < 2]:
-            raise InputError(f"{listed}: expected rows of timestamp,filename, found {short[0][0][:60]!r}")
-        texts, files = [row[0] for row in rows], [data / Path(row[1].strip()).name for row in rows]
-    else:
+    data = folder / "data"
+    listed = folder / "data.csv"
+    if not listed.is_file():
         files = image_files(data)
-        texts = [file.stem for file in files]
+        return TimedFiles(data, files, read_stamps(data, [file.stem for file in files]).ns)
+    times, names, _ = _listed_images(listed)
     # The format gives nanoseconds; converted recordings hold seconds under the same name.
-    return TimedFiles(data, files, read_stamps(listed if listed.is_file() else data, texts).ns)
+    return TimedFiles(data, [data / Path(name).name for name in names], read_stamps(listed, times).ns)
+
+
+class _ListedImages(NamedTuple):
+    """Columns of a list: times as they are written, names of files, numbers of lines."""
+
+    times: list[str]
+    names: list[str]
+    lines: list[int]
+
+
+def _listed_images(file: Path) -> _ListedImages:
+    """The rows of a list with a time and the name of an image in each; Windows writes names with backslashes. Raises
+    InputError: a row without these, or no row."""
+    rows = read_rows(file, "rows of timestamp and file name")
+    if rows and "time" in rows[0].cells[0].lower():  # names of the columns
+        rows = rows[1:]
+    for line, cells in rows:
+        if len(cells) < 2 or not is_time(cells[0]):
+            found = " ".join(cells)[:80]
+            raise InputError(f"{file}: expected timestamp and file name in line {line}, found {found!r}")
+    if not rows:
+        raise InputError(f"{file}: expected lines of timestamp and file name, found none")
+    names = [row.cells[1].replace("\\", "/") for row in rows]
+    return _ListedImages([row.cells[0] for row in rows], names, [row.line for row in rows])
 
 
 def _is_euroc(path: Path) -> bool:
@@ -88,10 +106,10 @@ def _kitti_find(path: Path, options: OpenOptions) -> Layout:
     pair = _pair_in(drive, KITTI_PAIRS, "data") or KITTI_PAIRS[0]
     cameras = []
     for name in pair:
-        listed = stamp_list(drive / name)
+        listed = list_in(drive / name)
         if listed is None:
             raise InputError(f"{drive / name / 'timestamps.txt'}: expected the times of the images, found no such file")
-        cameras.append(_kitti_camera(drive / name / "data", *listed))
+        cameras.append(_kitti_camera(drive / name / "data", listed))
     places = [folder / "calib_cam_to_cam.txt" for folder in (drive, drive.parent)]
     calibration = options.calibration or next((place for place in places if place.is_file()), drive)
     # Drives that end with _sync are rectified, those that end with _extract are not (KITTI raw data, readme.txt).
@@ -104,9 +122,8 @@ def _kitti_find(path: Path, options: OpenOptions) -> Layout:
 
 
 def _kitti_sequence_find(path: Path, options: OpenOptions) -> Layout:
-    pair, times = _pair_in(path, KITTI_SEQUENCE_PAIRS) or KITTI_SEQUENCE_PAIRS[0], path / "times.txt"
-    texts = read_text(times, "times", MAX_BYTES).split()
-    left, right = (_kitti_camera(path / name, times, texts) for name in pair)
+    pair = _pair_in(path, KITTI_SEQUENCE_PAIRS) or KITTI_SEQUENCE_PAIRS[0]
+    left, right = (_kitti_camera(path / name, path / "times.txt") for name in pair)
     own = options.calibration is None
     names = (pair[0][-1], pair[1][-1]) if own else None
     rig = partial(load_rig, options.calibration or path / "calib.txt", cameras=names, rectified=own or None)
@@ -135,13 +152,22 @@ def _pair_in(folder: Path, pairs: Sequence[tuple[str, str]], inside: str = "") -
     return next((pair for pair in pairs if all(map(holds, pair))), None)
 
 
-def _kitti_camera(folder: Path, times: Path, texts: Sequence[str]) -> TimedFiles:
-    """Image number n has the time of line n, counted from 0; numbers may be missing."""
-    files, ns = image_files(folder), read_stamps(times, texts).ns
-    numbers = [frame_number(file) for file in files]
-    if any(number is None or number >= len(ns) for number in numbers):
-        raise InputError(f"{times}: expected a time for each of {len(files)} images, found {len(ns)}")
-    return TimedFiles(folder, files, np.asarray(ns[np.array(numbers)], dtype=np.int64))
+def _kitti_camera(folder: Path, times: Path) -> TimedFiles:
+    """Image number n has the time of line n, counted from 0; numbers may be missing, and their lines be empty."""
+    files = image_files(folder)
+    lines = read_text(times, "times", MAX_BYTES).rstrip().split("\n")
+    texts = []
+    for file in files:
+        number = frame_number(file)
+        if number is None or number >= len(lines):
+            line = "" if number is None else f", line {number + 1} for number {number}"
+            raise InputError(f"{times}: expected a time for {file.name}{line}, found {len(lines)} lines")
+        if not lines[number].strip():
+            raise InputError(
+                f"{times}: line {number + 1} is empty, and {file.name} has no time: add it, or delete the image"
+            )
+        texts.append(lines[number])
+    return TimedFiles(folder, files, read_stamps(times, texts).ns)
 
 
 KITTI = Reader(
@@ -212,41 +238,35 @@ def _tum_find(path: Path, options: OpenOptions) -> Layout:
 
 def _tum_associated(file: Path, images: Listed, depths: Listed) -> I64:
     """Mates as a file of associations lists them: time, image, time, depth, either first."""
-    at, depth_at = ({name: i for i, name in enumerate(listed.names)} for listed in (images, depths))
+    places = {name: i for i, name in enumerate(images.names)}
+    depth_places = {name: i for i, name in enumerate(depths.names)}
     mates = np.full(len(images.names), -1)
-    for _, words in _tum_rows(file):
-        found, of_depth = ([places[word] for word in words if word in places] for places in (at, depth_at))
-        if not (found and of_depth):
+    for _, cells in read_rows(file, "associations"):
+        words = [cell.replace("\\", "/") for cell in cells]
+        image = next((places[word] for word in words if word in places), None)
+        depth = next((depth_places[word] for word in words if word in depth_places), None)
+        if image is None or depth is None:
             raise InputError(f"{file}: expected images of rgb.txt and depth.txt, found {' '.join(words)[:80]!r}")
-        mates[found[0]] = of_depth[0]
+        mates[image] = depth
     return mates
 
 
 def _tum_listed(file: Path) -> Listed:
-    rows = []
-    for line, words in _tum_rows(file):
-        try:
-            seconds, name = Decimal(words[0]), words[1]
-            if not abs(seconds) * NS["s"] < 2**62:  # the year 2116: no seconds of a clock
-                raise ValueError
-        except (ArithmeticError, IndexError, ValueError):
-            found = " ".join(words)[:80]
-            raise InputError(f"{file}: expected timestamp and file name in line {line}, found {found!r}") from None
-        rows.append((int(seconds * NS["s"]), name, line))
-    if not rows:
-        raise InputError(f"{file}: expected lines of timestamp and file name, found none")
-    rows.sort()
-    again = [(one, other) for one, other in pairwise(rows) if one[0] == other[0]]  # of one time, the first by name
-    notes = [f"line {other[2]} of {file.name} has the time of line {one[2]}, skipped" for one, other in again[:1]]
-    notes += [f"{len(again) - 1} more lines of {file.name} with the time of another, skipped"] * (len(again) > 1)
-    times, names = list(dict.fromkeys(ns for ns, *_ in rows)), {ns: name for ns, name, _ in reversed(rows)}
-    return Listed(np.array(times, dtype=np.int64), [names[ns] for ns in times], tuple(notes))
-
-
-def _tum_rows(file: Path) -> list[tuple[int, list[str]]]:
-    """Line number, from 1, and words of every line that holds any."""
-    lines = enumerate((line.strip() for line in read_source(file).text.splitlines()), 1)
-    return [(n, line.replace(",", " ").split()) for n, line in lines if line and not line.startswith("#")]
+    times, names, lines = _listed_images(file)
+    stamps = read_stamps(file, times)
+    kept: list[int] = []
+    again: list[str] = []
+    for i in sorted(range(len(names)), key=lambda i: (stamps.ns[i], names[i])):
+        if kept and stamps.ns[kept[-1]] == stamps.ns[i]:
+            again.append(f"line {lines[i]} of {file.name} has the time of line {lines[kept[-1]]}, skipped")
+        else:
+            kept.append(i)
+    notes = again[:1]
+    if len(again) > 1:
+        notes.append(f"{len(again) - 1} more lines of {file.name} with the time of another, skipped")
+    if stamps.unit != "s":
+        notes.append(f"times of {file.name} are taken as {'dates' if stamps.unit == 'date' else stamps.unit}")
+    return Listed(stamps.ns[kept], [names[i] for i in kept], tuple(notes))
 
 
 def _inside(folder: Path, name: str) -> Path:

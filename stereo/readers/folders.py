@@ -60,7 +60,7 @@ def files_layout(path: Path, pairs: Sequence[Pair], options: OpenOptions, folder
     a, b = (images_of(files, Colour(bits)) for files in sides)
     left, right = (next(file for file in files if file) for files in sides)
     names = (left, right) if left.parent == right.parent else (left.parent, right.parent)
-    size, clock = base.same_size(a, b, *names), base.clock_of(folder, options, len(pairs))
+    size, clock = base.same_size(a, b, *names), base.clock_of(folder, options, len(pairs), files=images_there(pairs))
     streams = tuple(
         source.stream(name, sum(file is not None for file in files), clock.times_s)
         for name, files, source in zip(("left", "right"), sides, (a, b), strict=True)
@@ -69,6 +69,11 @@ def files_layout(path: Path, pairs: Sequence[Pair], options: OpenOptions, folder
     given = options.calibration or folder
     rig, other = partial(load_rig, given, size), base.other_state(given, size)
     return base.stereo_layout(path, each, streams, clock, rig, bits_note(bits), folder, other)
+
+
+def images_there(pairs: Sequence[Pair]) -> list[Path | None]:
+    """An image of each pair, None where both are missing."""
+    return [first or second for first, second in pairs]
 
 
 def _sides(path: Path) -> Sides | None:
@@ -137,7 +142,11 @@ def _find_rgbd(path: Path, options: OpenOptions) -> base.Layout:
         raise InputError(f"{path}: expected images and depth, found neither")
     timed = None if (path / "timestamps.csv").is_file() else _timed(*sides, path)
     pairs = timed[0] if timed else pair_files(*sides)
-    clock = timed[1] if timed and options.fps is None else base.clock_of(path, options, len(pairs))
+    clock = (
+        timed[1]
+        if timed and options.fps is None
+        else base.clock_of(path, options, len(pairs), files=images_there(pairs))
+    )
     images, depths = images_of([pair[0] for pair in pairs], Colour()), images_of([pair[1] for pair in pairs], Depths())
     streams = (
         images.stream("image", len(sides[0]), clock.times_s),

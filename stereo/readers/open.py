@@ -166,7 +166,7 @@ def open_video(path: Path | str, options: OpenOptions | None = None) -> Recordin
     if listed and options.fps is None:
         times = base.own_times(read_times(listed, source.n_frames).ns)
         clock = base.clock_of_times(times)
-    clock = clock or base.clock_of(path, options, source.n_frames, source.fps, source.raw)
+    clock = clock or base.clock_of(path, options, source.n_frames, source.fps, source.raw, frames)
     notes = [*clock.notes, *bits_note(bits)]
     if not files and (tracks := video_tracks(videos[0])) > 1:
         notes.append(f"{tracks} video tracks in the file: the first is read")

@@ -192,7 +192,7 @@ def simple() -> dict[str, tuple[Callable[[Path], object], bytes]]:
         "samples.json": (read_samples, (ROOT / "tests/data/pavement_people.json").read_bytes()[:900]),
         "image size": (read_image_size, b'{"image_size": [640, 480], "samples": []}'),
         "samples.csv": (read_samples, b"left,top,width,height,head_x,head_y,foot_x,foot_y\n1,2,30,90,15,4,16,90\n" * 2),
-        "timestamps.csv": (load_timestamps, b"frame,timestamp_s\n0,0.0\n1,0.066667\n2,0.133333\n3,0.2\n"),
+        "timestamps.csv": (lambda path: load_timestamps(path, range(4), range(4)), b"frame,timestamp_s\n0,0.0\n1,0.066667\n2,0.133333\n3,0.2\n"),
         "events.csv": (read_events, events.encode()),
         "run.json": (read_run_info, run.encode()),
         "tsai.xml": (load_tsai, b'<Camera name="c"><Geometry width="768" height="576"/><Intrinsic focal="5.5"/></Camera>'),

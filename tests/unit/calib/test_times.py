@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from calib.times import RunningClock, doubts, rate_of_times, run_on, spread_bursts
+from calib.errors import InputError
+from calib.times import (
+    RunningClock,
+    doubts,
+    rate_of_times,
+    read_stamps,
+    run_on,
+    seconds_of,
+    spread_bursts,
+    within_seconds,
+)
 
 
 def in_bursts(of: int, count: int = 40) -> np.ndarray:
@@ -68,3 +78,82 @@ def test_running_clock_goes_on_after_a_time_far_ahead_and_leaves_out_what_does_n
 def test_odd_times_of_a_table_are_named(times: np.ndarray, said: str) -> None:
     found = doubts(np.arange(len(times)), times)
     assert len(found) == bool(said) and all(sentence.startswith(said) for sentence in found)
+
+
+@pytest.mark.parametrize(
+    ("texts", "unit", "step_ns"),
+    [
+        (["2023-10-29T02:59:59.9+02:00", "2023-10-29T02:00:00.1+01:00"], "date", 200_000_000),
+        (["2023-10-29 00:59:59.9Z", "2023-10-29 01:00:00+00:00"], "date", 100_000_000),
+        (["20231029T005959.9+0000", "20231029T010000Z"], "date", 100_000_000),
+        (["20231029005959", "20231029010000"], "date", 1_000_000_000),
+        (["2023/10/29 00:59:59,9", "2023/10/29 01:00:00,0"], "date", 100_000_000),
+        (["23:59:58.5", "23:59:59"], "date", 500_000_000),
+        (["100000", "100033"], "ms", 33_000_000),
+        (["1200000000000", "1200033333333"], "ns", 33_333_333),  # 20 minutes after the start of the machine
+    ],
+)
+def test_times_are_read_in_every_way_that_recorders_write_them(texts: list[str], unit: str, step_ns: int) -> None:
+    stamps = read_stamps("times.txt", texts)
+    assert (stamps.unit, stamps.ns[1] - stamps.ns[0]) == (unit, step_ns)
+
+
+@pytest.mark.parametrize("text", ["29.10.2023 01:00", "2023-13-01 01:00:00", "3.5", "later"])
+def test_text_that_is_no_date_among_dates_is_named(text: str) -> None:
+    with pytest.raises(InputError, match=rf"times.txt: expected a time.*found '{text}'"):
+        read_stamps("times.txt", ["2023-10-29 01:00:00", text])
+
+
+@pytest.mark.parametrize("unit", ["1e9", "1e6", "1e3", "1"])
+def test_seconds_of_a_table_are_those_since_1970_in_any_unit(unit: str) -> None:
+    counts = (1.7e9 + np.array([0.0, 0.5])) * float(unit)
+    assert seconds_of("", counts) == pytest.approx([1.7e9, 1.7e9 + 0.5])
+
+
+def test_small_numbers_of_a_table_stay_seconds() -> None:
+    assert seconds_of("", np.array([0.0, 33.0])).tolist() == [0.0, 33.0]
+
+
+def test_dates_of_a_table_become_seconds_and_empty_cells_are_unknown() -> None:
+    dates = np.array(["2023-10-29T02:59:59.5+02:00", "", "NaT"], dtype=object)
+    seconds = seconds_of("", dates)
+    assert seconds[0] == 1698541199.5 and np.isnan(seconds[1:]).all()
+
+
+def counted(first: int, counts: list[int]) -> tuple[list[int], list[str]]:
+    """Seconds and numbers of frames that are counted in each second; the recording begins with the given one."""
+    numbers = [range(first, counts[0]), *(range(count) for count in counts[1:])]
+    seconds = [second for second, each in enumerate(numbers) for _ in each]
+    return seconds, [f"{number:02d}" for each in numbers for number in each]
+
+
+@pytest.mark.parametrize("first", [0, 6])
+def test_frames_that_are_counted_in_each_second_come_evenly(first: int) -> None:
+    seconds, parts = counted(first, [8 if first else 4, 10, 10, 5])
+    decimals = within_seconds(seconds, parts)
+    assert decimals is not None
+    times = [second + float(f"0.{part}") for second, part in zip(seconds, decimals, strict=True)]
+    assert np.diff(times[:24]) == pytest.approx(0.1, abs=0.21 if first else 1e-6)
+
+
+def test_lost_frame_of_those_counted_in_each_second_leaves_a_gap() -> None:
+    seconds, parts = counted(0, [10, 10, 10, 10])
+    decimals = within_seconds([*seconds[:14], *seconds[15:]], [*parts[:14], *parts[15:]])
+    assert decimals is not None and [decimals[13][:3], decimals[14][:3]] == ["300", "500"]
+
+
+def test_frames_counted_in_two_seconds_that_may_both_be_cut_have_no_times() -> None:
+    assert within_seconds(*counted(0, [7, 4])) is None
+
+
+@pytest.mark.parametrize(
+    ("parts", "decimals"),
+    [
+        (["066", "133", "200"], ["066", "133", "200"]),
+        (["7", "73", "140", "207"], ["007", "073", "140", "207"]),
+        (["0", "66666667", "133333333"], ["000000000", "066666667", "133333333"]),
+        (["5", "75"], ["5", "75"]),
+    ],
+)
+def test_number_within_a_second_is_decimals_or_a_count_of_its_parts(parts: list[str], decimals: list[str]) -> None:
+    assert within_seconds([1_700_000_000] * len(parts), parts) == decimals

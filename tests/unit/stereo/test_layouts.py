@@ -13,11 +13,11 @@ from toy_stereo import toy_rig
 
 from calib.errors import InputError, UnreadableError
 from calib.rig import save_rig
-from calib.times import rate_of_times
+from calib.times import rate_of_times, read_stamps
 from stereo.readers import OpenOptions, find_layout, find_reader, open_recording
 from stereo.readers.images import decode_image, to_8_bits, true_bits
 from stereo.readers.pairing import pair_stamps, split_sides
-from stereo.readers.times import read_stamps, stamps_in_names
+from stereo.readers.times import stamps_in_names
 
 COUNT = 6
 START = 1_403_715_273_262_142_976
@@ -71,6 +71,27 @@ def test_kitti_drive_is_rectified_by_its_name(tmp_path, suffix, focal_px, baseli
     recording = open_recording(kitti(tmp_path, suffix))
     assert recording.head.rig.left.fx == focal_px and recording.head.rig.baseline_m == pytest.approx(baseline_m)
     assert [f.timestamp_s for f in recording] == pytest.approx([0.0, 0.1, 0.3])
+
+
+def test_empty_line_of_a_drive_is_a_missing_image(tmp_path):
+    folder = kitti(tmp_path, "sync")
+    for file in folder.rglob("timestamps.txt"):
+        lines = file.read_text().split("\n")
+        lines[2] = ""
+        file.write_text("\n".join(lines))
+    assert [f.timestamp_s for f in open_recording(folder)] == pytest.approx([0.0, 0.1, 0.3])
+
+
+def test_image_of_a_drive_without_a_time_is_named_with_its_line(tmp_path):
+    folder = kitti(tmp_path, "sync")
+    file = next(folder.rglob("image_01/timestamps.txt"))
+    lines = file.read_text().split("\n")
+    file.write_text("\n".join(["", *lines[1:]]))
+    with pytest.raises(InputError, match=r"image_01/timestamps.txt: line 1 is empty, and 0000000000.png has no time"):
+        open_recording(folder)
+    file.write_text("\n".join(lines[:3]))
+    with pytest.raises(InputError, match=r"expected a time for 0000000003.png, line 4 .*, found 3 lines"):
+        open_recording(folder)
 
 
 def test_kitti_odometry_sequence_has_its_times_and_projections(tmp_path):
@@ -192,7 +213,7 @@ EVEN = NOW + STEP * np.arange(10)
     ],
 )
 def test_unit_of_times_is_recognised_and_no_digit_is_lost(texts: list[str], unit: str, first: int, step: int) -> None:
-    stamps = read_stamps(Path(), texts)
+    stamps = read_stamps("", texts)
     assert (stamps.unit, stamps.ns[0], stamps.ns[1] - stamps.ns[0]) == (unit, first, step)
 
 
@@ -202,7 +223,7 @@ def test_unit_of_times_is_recognised_and_no_digit_is_lost(texts: list[str], unit
 )
 def test_what_is_no_time_and_what_no_clock_shows_is_refused(text: str) -> None:
     with pytest.raises(InputError, match=f"expected.* found '?{text}"):
-        read_stamps(Path(), [text, "2022-04-15 05:20:00" if "-" in text else "1"])
+        read_stamps("", [text, "2022-04-15 05:20:00" if "-" in text else "1"])
 
 
 @pytest.mark.parametrize(
@@ -216,6 +237,11 @@ def test_what_is_no_time_and_what_no_clock_shows_is_refused(text: str) -> None:
         ([f"2023-04-05_12-34-5{i}.{5 * i}00" for i in range(2)], 1_500_000_000),
         ([f"20230405_123456_{n}" for n in ("000", "100", "200")], 100_000_000),
         ([f"frame{i:04d}_165000000{i}123" for i in range(3)], 1_000_000_000),
+        ([f"20230405_12345{s}_{n:02d}" for s in range(4) for n in range(10)], 100_000_000),  # counted in each second
+        ([f"165000000{s}_cam0_{n}" for s in range(4) for n in range(1, 11)], 100_000_000),
+        ([f"20230405_123456_{n:02d}" for n in range(10)], None),  # of how many in the second?
+        ([f"2023-04-05T12-34-5{i}.5+0200" for i in range(4)], 1_000_000_000),
+        ([f"frame_{i:07d}_{1650000000000 + 33 * i}" for i in range(4)], 33_000_000),
         (["left0001", "left0002"], None),
         (["0000000001", "0000000003"], None),
         (["2022041501", "2022041502"], None),

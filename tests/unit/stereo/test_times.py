@@ -11,7 +11,7 @@ from toy_recordings import folder_recording, picture, video_pair, write_times, w
 from calib.errors import InputError
 from calib.times import rate_of_times
 from stereo.readers import OpenOptions, open_recording, open_video
-from stereo.readers.times import load_timestamps
+from stereo.readers.times import load_timestamps, read_times
 from stereo.readers.video import _by_time
 from stereo.recording import Decoded, FrameClock, OneCamera, Recording, refuse_untimed
 
@@ -86,14 +86,14 @@ def test_header_that_gives_the_clock_for_a_rate_is_corrected_by_the_times(tmp_pa
     [
         ("frame,timestamp_s\n0,0\n1,nan\n", "'nan'"),
         ("frame,value\n0,0\n", "frame,timestamp_s"),
-        ("frame,timestamp_s\n0,0\n999999999,1\n", "counted from 0"),
+        ("frame,timestamp_s\n0,0\n999999999,1\n5,2\n", "number the frames from 0"),
         ("0" * 50_000_000, "expected a table of times of up to 33554432 bytes"),
     ],
 )
 def test_bad_timestamps_are_refused(tmp_path: Path, text: str, found: str) -> None:
     (tmp_path / "timestamps.csv").write_text(text)
     with pytest.raises(InputError, match=rf"timestamps\.csv: .*{found}"):
-        load_timestamps(tmp_path / "timestamps.csv")
+        load_timestamps(tmp_path / "timestamps.csv", range(4), range(4))
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,8 @@ def test_bad_timestamps_are_refused(tmp_path: Path, text: str, found: str) -> No
 )
 def test_timestamps_of_any_table_start_at_zero_and_keep_gaps(tmp_path: Path, text: str, times_s: list[float]) -> None:
     (tmp_path / "timestamps.csv").write_text(text)
-    np.testing.assert_allclose(load_timestamps(tmp_path / "timestamps.csv").times_s, times_s)
+    frames = range(len(times_s))
+    np.testing.assert_allclose(load_timestamps(tmp_path / "timestamps.csv", frames, frames).times_s, times_s)
 
 
 @pytest.mark.parametrize(("name", "count"), [("r/left", 6), ("a.mjpeg", 7)])
@@ -152,7 +153,7 @@ def test_times_of_one_camera_are_those_of_its_list_or_names(tmp_path: Path) -> N
             [0, 0.2, 0.4, 0.6, 0.8, 1.0],
             "of 2 of 6 frames: the others follow at the same rate",
         ),
-        (range(1, 7), SLOWER, SLOWER, "are counted from 1"),
+        (range(1, 7), SLOWER, SLOWER, "are counted from 1: its rows are the images in order"),
     ],
 )
 def test_table_of_times_that_is_too_short_or_counts_from_1_is_noted(
@@ -179,7 +180,7 @@ def test_table_of_times_that_is_too_short_or_counts_from_1_is_noted(
 def test_the_unit_of_times_is_that_of_their_column(tmp_path, column, times, period_s, noted):
     table = "".join(f"{frame},{time}\n" for frame, time in enumerate(times))
     (tmp_path / "timestamps.csv").write_text(f"frame,{column}\n{table}")
-    found, notes = load_timestamps(tmp_path / "timestamps.csv")
+    found, notes = load_timestamps(tmp_path / "timestamps.csv", range(3), range(3))
     assert found[1] == pytest.approx(period_s) and noted in notes[0]
 
 
@@ -190,3 +191,55 @@ def test_frames_after_a_time_far_ahead_are_read_and_run_on() -> None:
     recording = Recording(Path("a.mp4"), decode, 5, FrameClock(10.0), [], OneCamera((4, 4)))
     assert [frame.timestamp_s for frame in recording] == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
     assert not recording.skipped
+
+
+COUNTER = [0, 1, 2, 9, 10, 11]
+"""Of a camera that lost six frames."""
+
+
+@pytest.mark.parametrize("first", [0, 1_000_000, 65_530])
+def test_frames_that_a_camera_counted_are_the_images_in_order(tmp_path: Path, first: int) -> None:
+    folder = folder_recording(tmp_path / "r")
+    write_times(folder / "timestamps.csv", [n / 10 for n in COUNTER], [(first + n) % 65_536 for n in COUNTER])
+    recording = open_recording(folder)
+    assert [frame.timestamp_s for frame in recording] == pytest.approx([0, 0.1, 0.2, 0.9, 1.0, 1.1])
+    assert "are the images in order" in recording.notes[0]
+
+
+def test_frames_of_a_table_that_are_the_numbers_of_the_images_are_theirs(tmp_path: Path) -> None:
+    folder = folder_recording(tmp_path / "r", [f"{n:04d}" for n in COUNTER])
+    write_times(folder / "timestamps.csv", [n / 10 for n in COUNTER], COUNTER)
+    recording = open_recording(folder)
+    times = {frame.index: frame.timestamp_s for frame in recording}
+    assert times == pytest.approx({n: n / 10 for n in COUNTER}) and not recording.notes
+
+
+def test_table_whose_frames_belong_to_no_image_is_refused_with_what_was_found(tmp_path: Path) -> None:
+    folder = folder_recording(tmp_path / "r")
+    write_times(folder / "timestamps.csv", [0, 0.1, 0.2], [100, 101, 102])
+    with pytest.raises(InputError, match="a row for each of 6 images, found 3 rows for frames 100 to 102"):
+        open_recording(folder)
+
+
+def test_times_run_on_where_the_clock_of_a_table_was_set_back(tmp_path: Path) -> None:
+    table = "".join(f"{i},0{2 + (i < 3)}:59:5{i}\n" for i in range(6))
+    (tmp_path / "timestamps.csv").write_text(f"frame,time\n{table}")
+    times, notes = load_timestamps(tmp_path / "timestamps.csv", range(6), range(6))
+    assert times.tolist() == [0, 1, 2, 3, 4, 5] and "the clock jumps by -3599 s after frame 2" in notes[1]
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        [f"{i} {i / 10}" for i in range(6)],
+        [f"{n} {i / 10}" for i, n in enumerate(COUNTER)],
+        [f"{i},2023-10-29 02:59:59.{i}" for i in range(6)],
+        [f"2023-10-29 02:59:59,{i}00" for i in range(6)],
+        [f"{1_700_000_000_000 + 100 * i} left/{i}.png" for i in range(6)],
+        ["# time;x", *(f"{i};0,{i}" for i in range(6))],
+    ],
+    ids=["counted", "counter with gaps", "dates", "comma before milliseconds", "names", "decimal commas"],
+)
+def test_list_of_times_may_hold_more_than_the_times(tmp_path: Path, lines: list[str]) -> None:
+    (tmp_path / "times.txt").write_text("\n".join(lines))
+    assert np.diff(read_times(tmp_path / "times.txt", 6).ns) == pytest.approx(1e8)

@@ -116,3 +116,19 @@ def test_footsteps_of_vadere_are_interpolated_to_even_times(tmp_path: Path) -> N
     file = load_file(written(tmp_path, VADERE + "1 0.0 0.6 0 0\n1 0.63 1 0.63 0\n1 1.0 1.5 1.0 0\n"))
     assert file.fps == 10.0 and "interpolated to 10 frames per second" in file.note
     np.testing.assert_allclose(file.table.x_m, np.arange(11) / 10)
+
+
+@pytest.mark.parametrize(
+    ("name", "times"),
+    [
+        ("time", ("2023-10-29T02:59:59.9+02:00", "2023-10-29T02:00:00.0+01:00")),
+        ("timestamp", ("1700000000000", "1700000000100")),
+        ("timestamp_ns", ("0", "100000000")),
+        ("time [us]", ("0", "100000")),
+    ],
+)
+def test_rows_by_time_have_their_rate_in_whatever_way_times_are_written(
+    tmp_path: Path, name: str, times: tuple[str, str]
+) -> None:
+    rows = "".join(f"1,{time},{i},0\n" for i, time in enumerate(times))
+    assert load_file(written(tmp_path, f"id,{name},x [m],y [m]\n{rows}")).fps == pytest.approx(10.0, rel=1e-4)

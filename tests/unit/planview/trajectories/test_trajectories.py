@@ -8,6 +8,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+import pandas as pd
 import pytest
 
 from calib.errors import InputError
@@ -361,3 +362,25 @@ def test_motchallenge_has_the_confidence_and_1_where_it_is_unknown(tmp_path: Pat
     table.confidence[0] = 0.75
     FORMATS["motchallenge"].write(tmp_path / "x.txt", TrajectoryFile(table))
     assert [line.split(",")[6] for line in (tmp_path / "x.txt").read_text().splitlines()[:2]] == ["0.75", "1"]
+
+
+@pytest.mark.parametrize(
+    "times",
+    [
+        ("1700000000.0", "1700000000.1"),
+        ("1700000000000000000", "1700000000100000000"),
+        ("1700000000000", "1700000000100"),
+        ("2023-10-29T02:59:59.9+02:00", "2023-10-29T02:00:00.0+01:00"),
+        ("2023-10-29 02:59:59.9", "2023-10-29 03:00:00"),
+    ],
+)
+def test_times_of_a_table_are_seconds_in_whatever_way_they_are_written(tmp_path: Path, times: tuple[str, str]) -> None:
+    rows = "".join(f"{frame},{time},1,0,0,1.7\n" for frame, time in enumerate(times))
+    (tmp_path / "t.csv").write_text(f"frame,timestamp_s,id,x_m,y_m,height_m\n{rows}")
+    assert np.diff(load_tracks(tmp_path / "t.csv").timestamp_s) == pytest.approx(0.1, abs=1e-6)
+
+
+def test_dates_of_a_dataframe_become_seconds() -> None:
+    times = pd.to_datetime(["2023-10-29T02:59:59.9+02:00", "2023-10-29T03:00:00.4+02:00"])
+    rows = pd.DataFrame({"frame": [0, 1], "timestamp_s": times, "id": 1, "x_m": 0.0, "y_m": 0.0})
+    assert np.diff(Trajectories.from_dataframe(rows).timestamp_s) == pytest.approx(0.5, abs=1e-6)
