@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from itertools import islice
 from pathlib import Path
 from typing import get_args
 
@@ -30,11 +29,11 @@ from planview.output.render import frames_or_none
 from planview.output.replay import difference_picture, difference_text, replay_run
 from planview.output.report.page import write_report
 from planview.output.resume import checkpoint_of, remove_checkpoint
-from planview.output.run import RunLog, RunOptions, begin_run, run_identity, track_into
+from planview.output.run import RunLog, RunOptions, begin_run, run_identity, skipped_between, track_into
 from planview.output.run_folder import RunFolder
 from planview.output.tables import MapsLog, refuse_unrecorded
 from planview.output.viewer import LiveViewer
-from planview.trajectories.table import Trajectories, TrajectoryCollector, read_tracks
+from planview.trajectories.table import Trajectories, TrajectoryCollector
 from stereo.matcher import Matcher
 
 
@@ -218,33 +217,45 @@ def _end(out: Path, refine: bool, console: Console) -> None:
 
 def _tracked(engine: Engine, name: str, what: _Written, console: Console) -> Trajectories:
     announced = engine.recording.n_frames
-    first, last = (0, -1) if what.frames is None else frame_span(what.frames)
+    first, last = (0, None) if what.frames is None else frame_span(what.frames)
     if announced and first >= announced:
         raise InputError(f"the recording has only {announced} frames, 0 to {announced - 1}", argument="frames")
-    count = last - first + 1 if last >= 0 else 0
-    remaining = max(announced - first, 0)
-    progress = FrameProgress(console, min(count or remaining, remaining) if announced else count or None, first)
+    ends = [announced] if announced else []
+    if last is not None:
+        ends.append(last + 1)
+    progress = FrameProgress(console, min(ends) - first if ends else None, first)
     if what.out is None:
-        rows, n_frames = TrajectoryCollector(), 0
-        engine.reset()
-        with _watched(engine, what, progress) as watch:
-            for result in islice(engine.after(first - 1), count or None):
-                rows.add(result.frame, result.timestamp_s, result.tracks)
-                n_frames = result.frame + 1
-                watch(result)
-        tracks = rows.trajectories()
-        return replace(refined(tracks).tracks if what.refine else tracks, n_frames=n_frames)
+        return _tracked_in_memory(engine, first, last, what, progress)
     if what.maps:
         refuse_unrecorded(engine)
     plane = RulePlane(engine.camera, engine.size, has_floor=engine.camera is not None)
     analytics = Analytics(load_rules(what.rules, plane)) if what.rules else None
     every_s = 0.0 if name == "detections" else what.checkpoint_every_s
     with folder_lock(what.out):
-        how = RunOptions(name, analytics, first, count, every_s, what.strict)
+        how = RunOptions(name, analytics, first, last, every_s, what.strict)
         _write(engine, what.out, what, how, console, progress)
         if what.refine:
             refine_held_run(what.out)
     return _tracks_in(what.out)
+
+
+def _tracked_in_memory(
+    engine: Engine, first: int, last: int | None, what: _Written, progress: FrameProgress
+) -> Trajectories:
+    """Tracks of the frames from the first to the last, or to the end, without a folder."""
+    rows = TrajectoryCollector()
+    n_read = 0
+    engine.reset()
+    with _watched(engine, what, progress) as watch:
+        for result in engine.after(first - 1, last):
+            rows.add(result.frame, result.timestamp_s, result.tracks)
+            n_read += 1
+            watch(result)
+    tracks = rows.trajectories()
+    if what.refine:
+        tracks = refined(tracks).tracks
+    n_frames = first + n_read + len(skipped_between(engine, first, last))
+    return replace(tracks, first_frame=first, n_frames=n_frames)
 
 
 @contextmanager
@@ -289,7 +300,7 @@ def _write(
 
 
 def _tracks_in(out: Path) -> Trajectories:
-    return replace(read_tracks(out / "tracks.csv"), n_frames=RunFolder(out).n_frames)
+    return RunFolder(out).tracks
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from calib.errors import InputError
 from calib.formats.one_camera import load_one_camera
 from calib.io import missing, reason, require_file
@@ -107,11 +109,7 @@ def evaluate(
         raise InputError("expected a truth for tracks that are not those of a run's folder, found None")
     if isinstance(truth, Path | str):
         truth = load_truth(truth_file(Path(truth)) or Path(truth))
-    if run is not None and span is None:
-        span = run.info.first_frame, max(run.info.first_frame, RunFolder(run.path, other_tracks=rows).n_frames - 1)
-    elif span is None and rows.n_frames:
-        span = 0, rows.n_frames - 1
-    return evaluate_tracks(rows, table_of(truth), params, span)
+    return _scored(rows if run is None else run.tracks, table_of(truth), params, span, ("the tracks", "the truth"))
 
 
 def truth_of(tracks: Path) -> Path:
@@ -129,34 +127,57 @@ def truth_of(tracks: Path) -> Path:
 def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, int] | None, rated: bool) -> Evaluation:
     if not rated and (rate := sequence_rate(pair.truth)) is not None:
         params = params.model_copy(update={"fps": rate})
-    files = load_file(pair.tracks), load_file(pair.truth, truth=True)
-    found, true = (file.table for file in files)
-    if len(found) and len(true):
-        (first, last), (begin, end) = ((int(t.frame.min()), int(t.frame.max())) for t in (found, true))
-        if begin > last or end < first:
-            expected = f"expected truth of the frames {first} to {last} of {pair.tracks}, found {begin} to {end}"
-            known = explanation(true, found, params.match_on == "floor")
-            raise InputError(f"{pair.truth}: {'; '.join(filter(None, (expected, known)))}")
-    run, scored = RunFolder.around(pair.tracks), span
-    size = sequence_size(pair.truth) if run is None else run.info.size_px
-    if params.match_on == "boxes" and size is not None:
-        for path, table in ((pair.tracks, found), (pair.truth, true)):
-            refuse_outside(table.box_px, size, str(path))
-    if run is not None:  # the frames that it read are scored, as its report does
-        end, what = RunFolder(run.path, other_tracks=found).n_frames - 1, "are left out: the run ended there"
-        scored = span or (run.info.first_frame, max(run.info.first_frame, end))
+    tracks = load_file(pair.tracks).table
+    truth = load_file(pair.truth, truth=True).table
+    run = RunFolder.around(pair.tracks)
+    if run is None:
+        size = sequence_size(pair.truth)
     else:
-        end = int(found.frame.max(initial=-1))
-        what = f"count as misses, unless the frames are limited to 0:{max(end, 0)}"
-    beyond = int((true.frame > end).sum())
-    late = f"{beyond} truth rows lie after the last {'frame' if run else 'track'} (frame {end}) and {what}"
+        size = run.info.size_px
+        tracks = replace(run, other_tracks=tracks).tracks
+    if params.match_on == "boxes" and size is not None:
+        refuse_outside(tracks.box_px, size, str(pair.tracks))
+        refuse_outside(truth.box_px, size, str(pair.truth))
+    _note(_unfinished(pair.tracks))
+    return _scored(tracks, truth, params, span, (str(pair.tracks), str(pair.truth)))
+
+
+def _scored(
+    tracks: Trajectories,
+    truth: Trajectories,
+    params: EvaluationParams,
+    span: tuple[int, int] | None,
+    names: tuple[str, str],
+) -> Evaluation:
+    """Scores, with notes on what of truth and tracks does not fit together; ``names`` of the tracks and the truth.
+    Raises InputError: tables without a common frame, or without what they are matched on."""
+    if len(tracks) and len(truth):
+        first, last = int(tracks.frame.min()), int(tracks.frame.max())
+        begin, end = int(truth.frame.min()), int(truth.frame.max())
+        if begin > last or end < first:
+            expected = f"expected truth of the frames {first} to {last} of {names[0]}, found {begin} to {end}"
+            known = explanation(truth, tracks, params.match_on == "floor")
+            raise InputError(f"{names[1]}: {'; '.join(filter(None, (expected, known)))}")
     try:
-        result = evaluate_tracks(found, true, params, scored)
+        result = evaluate_tracks(tracks, truth, params, span)
     except InputError as error:
-        raise error.about(f"{pair.tracks} and {pair.truth}") from error
-    uncovered = f"{pair.truth}: {result.uncovered}" if result.uncovered else ""
-    _note(_unfinished(pair.tracks), late if span is None and beyond else "", uncovered)
+        raise error.about(f"{names[0]} and {names[1]}") from error
+    _note("" if span else _beyond(tracks, truth), f"{names[1]}: {result.uncovered}" if result.uncovered else "")
     return result
+
+
+def _beyond(tracks: Trajectories, truth: Trajectories) -> str:
+    """A sentence on truth outside of the frames that were tracked; empty without any."""
+    if tracks.tracked is not None:
+        first, last = tracks.tracked
+        remedy = "are left out"
+        place = f"outside of the frames {first} to {last} that were tracked"
+    else:
+        first, last = 0, int(tracks.frame.max(initial=0))
+        remedy = f"count as misses, unless the frames are limited to 0:{last}"
+        place = f"after the last track (frame {last})"
+    beyond = np.count_nonzero((truth.frame < first) | (truth.frame > last))
+    return f"{beyond} truth rows lie {place} and {remedy}" if beyond else ""
 
 
 def _note(*notes: str) -> None:
@@ -232,11 +253,11 @@ def count(
     path = tracks_file(Path(tracks)) if isinstance(tracks, Path | str) else None
     file = load_file(path) if path is not None else TrajectoryFile(table_of(tracks))
     found, run = limited(file, region, ignore).table, path and RunFolder.around(path)
-    clock = Clock(found, fps or (run.info.fps if run else None))
+    clock = Clock(file.table, fps or (run.info.fps if run else None))
     plane = _plane(path_of(camera), path_of(rig), run or None)
     placed = rules if isinstance(rules, Rules) else rules_files.load_rules(Path(rules), plane)
     _note((path and _unfinished(path)) or "", placed.of_unknown_size, placed.unreached(found))
-    n_frames = run.info.frames_read + run.info.frames_skipped if run else 0
+    n_frames = run.n_frames if run else int(file.table.frame.max(initial=-1)) + 1
     counts = count_tracks(found, placed, params, clock=clock, n_frames=n_frames)
     counts = replace(counts, span=run.span) if run else counts
     result = counts.to_json()

@@ -15,16 +15,8 @@ from planview.api.arguments import one_of, opening, path_of, table_of
 from planview.offline.refine import Refined
 from planview.output.finished import EditedRun, edit_run, refine_run, undo_edits
 from planview.output.run_folder import RunFolder
-from planview.trajectories.file import TrajectoryFile, limited, region_of
-from planview.trajectories.formats import (
-    FORMATS,
-    ExportName,
-    load_file,
-    measured_rate,
-    prepared,
-    tracks_file,
-    write_file,
-)
+from planview.trajectories.file import TrajectoryFile, limited, region_of, warn_of
+from planview.trajectories.formats import FORMATS, ExportName, load_file, prepared, tracks_file, write_file
 from planview.trajectories.layouts import stream_jsonl
 from planview.trajectories.rows import METRES
 from planview.trajectories.table import Trajectories, people_of
@@ -206,17 +198,17 @@ def export(
     if fps is not None and not 0 < fps <= 10_000:
         raise InputError(f"expected a rate above 0, found {fps:g}", argument="fps")
     file = tracks_file(source) if source is not None else None
-    walkable = region_of(area, "area=").wkt if area else None
+    walkable = region_of(area, "area=") if area else None
     run = RunFolder.around(source) if source is not None else None
+    found = limited(load_file(file) if file is not None else TrajectoryFile(table_of(tracks)), region, ignore)
+    if not len(found.table) and run is not None:
+        found = replace(found, fps=found.fps or run.info.fps)
     try:
-        found = load_file(file) if file is not None else TrajectoryFile(table_of(tracks))
-        kept = limited(found, region, ignore)
-        if not len(kept.table):  # no row gives the rate
-            rate = found.fps or measured_rate(found.table) or (run.info.fps if run is not None else None)
-            kept = replace(kept, fps=rate)
-        written = prepared(kept, to, fps=fps, area=walkable, lost=lost)
+        written = prepared(found, to, fps=fps, area=walkable.wkt if walkable else None, lost=lost)
     except InputError as error:
         raise error if file is None or str(file) in str(error) else error.about(str(file)) from error
+    if walkable is not None:
+        warn_of(walkable.doubt(written.table))
     if file is None and out is None:
         raise InputError("expected a file for a table of tracks, found None", argument="out")
     path = Path(out) if out is not None else file.with_name(f"{file.stem}_{to}{FORMATS[to].suffix}")  # type: ignore[union-attr]

@@ -160,9 +160,9 @@ class Engine:
         self.reset()
         yield from self.after(-1)
 
-    def after(self, frame: int) -> Iterator[FrameResult]:
-        """Go on tracking after a frame, with the memory of the frames up to it."""
-        measured = self._measured(frame)
+    def after(self, frame: int, last: int | None = None) -> Iterator[FrameResult]:
+        """Go on tracking after a frame, with the memory of the frames up to it, to a last one or to the end."""
+        measured = self._measured(frame, last)
         try:
             with closing(prefetch(measured, self.ahead) if self.ahead else measured) as frames:
                 for each in frames:
@@ -180,13 +180,19 @@ class Engine:
         clock = StageClock()
         return self._track(frame, self._measure(frame, clock), clock)
 
-    def _measured(self, last: int) -> Generator[tuple[Frame[Any], Measured, StageClock], None, None]:
-        """The frames after one. Those before are read and passed over: what could not be read is noted again."""
+    def _measured(
+        self, before: int, last: int | None
+    ) -> Generator[tuple[Frame[Any], Measured, StageClock], None, None]:
+        """The frames after one, to the last. Those before are read and passed over: what could not be read is noted
+        again."""
+        end = math.inf if last is None else last
         clock = StageClock()
         for frame in self.recording:
-            if frame.index > last:
+            if before < frame.index <= end:
                 clock.record("read")
                 yield frame, self._measure(frame, clock), clock
+            if frame.index >= end:
+                break
             clock = StageClock()
 
     def _measure(self, frame: Frame[Any], clock: StageClock) -> Measured:

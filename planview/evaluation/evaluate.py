@@ -69,18 +69,23 @@ def evaluate_tracks(
     matching needs (floor positions, or boxes). Raises WorkError: ``align`` is set, and no alignment is possible.
 
     Args:
-        frames: first and last frame to score, both included; all by default. A frame without truth rows is an
-            empty scene, a frame without track rows one without detections; where most frames between those with
-            truth rows have none, only some frames were annotated, and the others are left out.
+        frames: first and last frame to score, both included; by default those that were tracked, or where that is not
+            known, all with rows. A frame without truth rows is an empty scene, a frame without track rows one without
+            detections; where most frames between those with truth rows have none, only some frames were annotated, and
+            the others are left out.
     """
     params, whole = params or EvaluationParams(), truth
-    if frames is None:
-        seen = np.concatenate([tracks.frame, truth.frame])
-        frames = (int(seen.min()), int(seen.max())) if len(seen) else (0, -1)
+    frames = frames or tracks.tracked or _frames_with_rows(tracks, truth)
     tracks, truth = (t.where((t.frame >= frames[0]) & (t.frame <= frames[1])) for t in (tracks, truth))
     some = frame_step(np.unique(truth.frame)) > 1
     result = _of_some_frames(tracks, truth, params) if some else _scores(tracks, truth, params, frames)
     return replace(result, explanation=_explained(tracks, whole, params, result))
+
+
+def _frames_with_rows(*tables: Trajectories) -> tuple[int, int]:
+    """First and last frame with rows in any table."""
+    seen = np.concatenate([table.frame for table in tables])
+    return (int(seen.min()), int(seen.max())) if len(seen) else (0, -1)
 
 
 def _scores(tracks: Trajectories, truth: Trajectories, params: EvaluationParams, frames: tuple[int, int]) -> Evaluation:

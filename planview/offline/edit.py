@@ -16,7 +16,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.types import I64, Bool
-from planview.trajectories.file import Region
+from planview.trajectories.file import Region, warn_of
 from planview.trajectories.table import Trajectories, frame_period_s, rows_by_id
 
 HELP = {
@@ -47,7 +47,9 @@ def _applied(table: Trajectories, line: str, newest: int) -> Trajectories:
     kind, *words = line.split() or [""]
     try:
         if kind in ("region", "ignore"):
-            held = Region(line.partition(" ")[2], kind).contains(table)
+            region = Region(line.partition(" ")[2], f"{kind}:")
+            warn_of(region.doubt(table))
+            held = region.contains(table)
             return table.where(held if kind == "region" else ~held)
         if kind in ("shorter", "join-gaps"):
             values = [float(word) for word in words]

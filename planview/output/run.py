@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from itertools import islice
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -42,6 +41,7 @@ from planview.output.folder import (
 from planview.output.tables import RunTables
 from planview.trajectories.clock import Span
 from planview.trajectories.table import is_person
+from stereo.recording import Skipped
 
 
 class RunLog(Protocol):
@@ -89,8 +89,8 @@ class RunOptions:
     """Counts while running; None for no rules."""
     first_frame: int = 0
     """Frame of the recording to begin with, as if it were the first: the background is learned from it on."""
-    max_frames: int = 0
-    """Stop after this many frames; 0 for all."""
+    last_frame: int | None = None
+    """Last frame of the recording to track; None for all."""
     checkpoint_every_s: float = 0.0
     """Time between two checkpoints [s]; 0 for none."""
     strict: bool = False
@@ -249,8 +249,8 @@ class _Run:
         with ExitStack() as stack:
             interrupts = stack.enter_context(noted_interrupts())
             tables = self._opened(stack, checkpoint)
-            left = max(0, options.max_frames - totals.frames) if options.max_frames else None
-            for result in islice(self._engine.after(max(totals.last_frame, options.first_frame - 1)), left):
+            done = max(totals.last_frame, options.first_frame - 1)
+            for result in self._engine.after(done, options.last_frame):
                 self._take(result, tables)
                 if watch:
                     watch(result)
@@ -331,7 +331,8 @@ class _Run:
         return info
 
     def _information(self, state: str) -> RunInfo:
-        skipped, totals, analytics = self._engine.recording.skipped, self._totals, self._options.analytics
+        totals, analytics = self._totals, self._options.analytics
+        skipped = skipped_between(self._engine, self._options.first_frame, self._options.last_frame)
         frame_s = 1 / self._engine.recording.fps
         span, counts = Span(totals.first_s, totals.last_s + frame_s, frame_s), None
         if analytics is not None and state != "running":
@@ -348,6 +349,12 @@ class _Run:
             "people": people, "remark": totals.remark(people), "warnings": self._checks.warnings(),
             "counts": counts.to_json() if counts is not None else {},
         })  # fmt: skip
+
+
+def skipped_between(engine: Engine, first: int, last: int | None) -> list[Skipped]:
+    """Frames from the first to the last, or to the end, that could not be used so far."""
+    end = math.inf if last is None else last
+    return [frame for frame in engine.recording.skipped if first <= frame.index <= end]
 
 
 def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str]) -> dict[str, Any]:

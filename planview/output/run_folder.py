@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -76,8 +76,12 @@ class RunFolder:
 
     @cached_property
     def tracks(self) -> Trajectories:
-        """All rows of tracks.csv."""
-        return read_tracks(self.path / "tracks.csv") if self.other_tracks is None else self.other_tracks
+        """All rows of tracks.csv, with the frames that the run read."""
+        info = self.info
+        tracks = read_tracks(self.path / "tracks.csv") if self.other_tracks is None else self.other_tracks
+        rows_end = int(tracks.frame.max(initial=-1)) + 1
+        read_end = info.first_frame + info.frames_read + info.frames_skipped
+        return replace(tracks, first_frame=info.first_frame, n_frames=max(rows_end, read_end))
 
     @cached_property
     def events(self) -> list[Event]:
@@ -152,8 +156,7 @@ class RunFolder:
     @property
     def n_frames(self) -> int:
         """Frames of the recording up to the last one that the run read."""
-        last = int(self.tracks.frame.max()) + 1 if len(self.tracks) else 0
-        return max(last, self.info.first_frame + self.info.frames_read + self.info.frames_skipped)
+        return self.tracks.n_frames or 0
 
     @property
     def truth_of_recording(self) -> Trajectories:
@@ -170,8 +173,7 @@ class RunFolder:
 
         truth = self.truth_of_recording
         params = params or EvaluationParams(fps=self.info.fps or 30.0)
-        first = self.info.first_frame
-        return evaluate_tracks(self.tracks, truth, params, frames or (first, max(first, self.n_frames - 1)))
+        return evaluate_tracks(self.tracks, truth, params, frames)
 
     @property
     def frame_s(self) -> float:

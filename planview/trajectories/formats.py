@@ -20,11 +20,10 @@ from calib.io import entries, expecting, read_text, reason, require_file, whole_
 from planview.trajectories import layouts, rows
 from planview.trajectories.boxes import named_columns, read_motchallenge, write_motchallenge
 from planview.trajectories.clock import Clock
-from planview.trajectories.file import TrajectoryFile, checked_rate, surrounding_area
+from planview.trajectories.file import TrajectoryFile, checked_rate, measured_rate, surrounding_area
 from planview.trajectories.table import (
     Trajectories,
     doubt,
-    frame_period_s,
     frame_times,
     read_tracks,
     read_truth,
@@ -188,17 +187,6 @@ def prepared(
             text = f"{name} holds no times but a rate: at {rate:g} frames per second they are up to {off_s:.2g} s off"
             warnings.warn(text, stacklevel=2)
     return TrajectoryFile(table, rate, area or file.walkable_wkt or surrounding_area(table))
-
-
-def measured_rate(table: Trajectories) -> float | None:
-    """Frames per second over all timestamps; that of the median frame where the clock jumps; None without times."""
-    period = frame_period_s(table, 0.0)
-    if period <= 0:
-        return None
-    first, last = np.flatnonzero(np.isfinite(table.timestamp_s))[[0, -1]].tolist()
-    mean = (table.timestamp_s[last] - table.timestamp_s[first]) / (table.frame[last] - table.frame[first])
-    # Decimals of a rate that is measured from times rounded to 0.1 ms.
-    return round(1 / float(mean if abs(mean - period) < 0.01 * period else period), 3)
 
 
 class FilePair(NamedTuple):

@@ -171,7 +171,8 @@ class Trajectories:
         facing_confidence: float64, how probably ``facing_deg`` is not back to front, 0.5 to 1; NaN where unknown.
         confidence, std_m: float64, the probability that somebody is there, and the standard deviation of the place
             along each axis [m]; NaN where unknown.
-        n_frames: how many frames were tracked, where that is known; the last may show nobody.
+        first_frame: first frame that was tracked, which may show nobody.
+        n_frames: frames of the recording up to the last one that was tracked, where that is known; it may show nobody.
     """
 
     frame: I64
@@ -188,7 +189,15 @@ class Trajectories:
     facing_confidence: F64
     confidence: F64
     std_m: F64
+    first_frame: int = 0
     n_frames: int | None = None
+
+    @property
+    def tracked(self) -> tuple[int, int] | None:
+        """First and last frame that were tracked, where that is known."""
+        if self.n_frames is None:
+            return None
+        return self.first_frame, max(self.first_frame, self.n_frames - 1)
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -224,7 +233,8 @@ class Trajectories:
     def from_dataframe(frame: DataFrame) -> Trajectories:
         """The rows of a DataFrame with columns of ``tracks.csv``, at least ``frame``, ``id``, ``x_m`` and ``y_m``; rows
         are "confirmed" without a state. Raises InputError: a column is missing, or values that do not belong."""
-        return table_of(frame, "DataFrame")
+        whole = {name: frame.attrs[name] for name in WHOLE_FIELDS if name in frame.attrs}
+        return replace(table_of(frame, "DataFrame"), **whole)
 
     def to_dataframe(self) -> DataFrame:
         """A pandas DataFrame with the columns of ``tracks.csv`` (``TRACK_COLUMNS``), a row per person and frame."""
@@ -235,11 +245,14 @@ class Trajectories:
         place = self.x_m, self.y_m, *velocity, self.height_m
         last = (getattr(self, name) for name in LAST_COLUMNS)
         columns = (self.frame, self.timestamp_s, self.track_id, *place, states, *box, *last)
-        return pandas.DataFrame(dict(zip(TRACK_COLUMNS, columns, strict=True)))
+        table = pandas.DataFrame(dict(zip(TRACK_COLUMNS, columns, strict=True)))
+        table.attrs = {name: getattr(self, name) for name in WHOLE_FIELDS}
+        return table
 
 
-ROW_FIELDS = tuple(name for name in Trajectories.__dataclass_fields__ if name != "n_frames")
-"""What a table holds for every row."""
+WHOLE_FIELDS = ("first_frame", "n_frames")
+ROW_FIELDS = tuple(name for name in Trajectories.__dataclass_fields__ if name not in WHOLE_FIELDS)
+"""What a table holds for all of its rows, and for every row."""
 
 
 def positions_table(
@@ -256,7 +269,7 @@ def positions_table(
 def concatenated(tables: Sequence[Trajectories]) -> Trajectories:
     """The rows of at least one table together, sorted by frame, then id."""
     joined = {name: np.concatenate([getattr(t, name) for t in tables]) for name in ROW_FIELDS}
-    table = replace(tables[0], **joined, n_frames=None)
+    table = replace(tables[0], **joined, first_frame=0, n_frames=None)
     order = np.lexsort((table.track_id, table.frame))
     return table if (np.diff(order) == 1).all() else table.where(order)
 

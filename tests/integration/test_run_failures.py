@@ -24,6 +24,7 @@ from full_disk import fill_disk_after
 from toy_run import EMPTY, FEW, FRAMES, rows_in, run_few
 from toy_stereo import ToyWorld, toy_rig, write_toy_recording
 
+import planview
 from calib.errors import WorkError
 from calib.types import U8
 from planview.engine.engine import FrameResult
@@ -50,6 +51,17 @@ def test_frames_that_cannot_be_used_are_skipped_counted_and_bridged(cli, copy, t
     assert tracks.frame.max() == FRAMES - 1
     after = tracks.where(tracks.frame == 27)
     assert after.timestamp_s[0] == pytest.approx(27 / 15, abs=1e-3)
+
+
+def test_a_span_of_frames_ends_where_it_says_however_many_are_unreadable(copy: Path, tmp_path: Path) -> None:
+    for n in (8, 9, 10, 17, 18):
+        (copy / "left" / f"{n:06d}.png").write_bytes(b"no image")
+    seen: list[int] = []
+    tracks = planview.run(copy, frames="9:16", watch=lambda result: seen.append(result.frame), quiet=True)
+    assert (seen, tracks.tracked) == ([11, 12, 13, 14, 15, 16], (9, 16))
+    kept = planview.run(copy, frames="9:16", out=tmp_path / "out", quiet=True)
+    info = read_run_info(tmp_path / "out" / "run.json")
+    assert ([frame.index for frame in info.skipped], kept.tracked) == ([9, 10], (9, 16))
 
 
 STRANGE = np.random.default_rng(0).integers(0, 255, (6, 240, 320), dtype=np.uint8)

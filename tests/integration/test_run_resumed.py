@@ -94,7 +94,7 @@ def test_a_resumed_run_writes_what_an_uninterrupted_one_writes(engine, tmp_path,
 def test_a_second_run_with_the_same_rules_counts_from_the_beginning(engine, tmp_path, rules):
     options = options_with(rules)
     assert run(engine, tmp_path / "whole", options).counts["rules"]["all"]["people"] > 0
-    options.max_frames = 3  # before anybody is confirmed
+    options.last_frame = 2  # before anybody is confirmed
     assert run(engine, tmp_path / "few", options).counts["rules"]["all"]["people"] == 0
 
 

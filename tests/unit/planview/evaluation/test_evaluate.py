@@ -354,6 +354,19 @@ def test_what_a_run_returns_is_scored_on_the_frames_that_it_read():
     assert evaluate(walk(50), walk()).clear.misses == 50
 
 
+def test_tracks_that_begin_later_are_scored_from_their_first_frame_on():
+    tracks = replace(walk(20, start=40), first_frame=30, n_frames=70)
+    assert evaluate(tracks, walk()).clear.misses == 20
+    assert evaluate(tracks.to_dataframe(), walk()).clear.misses == 20
+
+
+def test_truth_beyond_the_tracks_of_a_table_is_noted():
+    with pytest.warns(UserWarning, match="50 truth rows lie after the last track"):
+        evaluate(walk(50), walk())
+    with pytest.warns(UserWarning, match="40 truth rows lie outside of the frames 0 to 59 that were tracked"):
+        evaluate(replace(walk(50), n_frames=60), walk())
+
+
 MOTION = FloorAlignment(math.radians(120), 3.0, -2.0, 0.0, 0)
 
 

@@ -13,13 +13,12 @@ import pytest
 
 from calib.errors import InputError
 from planview.trajectories.boxes import load_detections
-from planview.trajectories.file import TrajectoryFile, region_of
+from planview.trajectories.file import Region, TrajectoryFile, limited, measured_rate, region_of
 from planview.trajectories.formats import (
     FORMATS,
     load_file,
     load_tracks,
     load_truth,
-    measured_rate,
     prepared,
     sequence_rate,
     sequence_size,
@@ -384,3 +383,35 @@ def test_dates_of_a_dataframe_become_seconds() -> None:
     times = pd.to_datetime(["2023-10-29T02:59:59.9+02:00", "2023-10-29T03:00:00.4+02:00"])
     rows = pd.DataFrame({"frame": [0, 1], "timestamp_s": times, "id": 1, "x_m": 0.0, "y_m": 0.0})
     assert np.diff(Trajectories.from_dataframe(rows).timestamp_s) == pytest.approx(0.5, abs=1e-6)
+
+
+def walkers_at(*places: tuple[float, float]) -> Trajectories:
+    """A person at each of some places, one a second."""
+    columns = zip(*((n, n, float(n), x, y) for n, (x, y) in enumerate(places)), strict=True)
+    return table_of(dict(zip(("frame", "id", "timestamp_s", "x_m", "y_m"), columns, strict=True)), "walkers")
+
+
+@pytest.mark.parametrize(
+    ("wkt", "words"),
+    [
+        ("POLYGON ((50 50, 60 50, 60 60, 50 60, 50 50))", "nobody is inside"),
+        ("POLYGON ((-5000 -5000, 5000 -5000, 5000 5000, -5000 5000, -5000 -5000))", "another unit"),
+        ("POLYGON ((0 0, 4 0, 4 3, 0 3, 0 0))", ""),
+        ("POLYGON ((0 0, 90 0, 90 90, 0 90, 0 0))", ""),
+    ],
+)
+def test_a_region_doubts_nobody_inside_and_a_floor_that_is_a_speck_of_it(wkt: str, words: str) -> None:
+    doubt = Region(wkt, "region=").doubt(walkers_at((1.0, 1.0), (2.0, 2.0)))
+    assert words in doubt and bool(words) == bool(doubt)
+
+
+def test_a_region_whose_border_crosses_itself_is_refused() -> None:
+    with pytest.raises(InputError, match="cross itself"):
+        Region("POLYGON ((-5 0, 5 12, 5 0, -5 12, -5 0))", "region=")
+
+
+def test_rows_of_a_region_with_nobody_inside_keep_the_rate_of_all() -> None:
+    file = TrajectoryFile(walkers_at((1.0, 1.0), (2.0, 2.0)))
+    with pytest.warns(UserWarning, match="nobody is inside"):
+        empty = limited(file, "POLYGON ((50 50, 60 50, 60 60, 50 60, 50 50))", None)
+    assert (len(empty.table), empty.fps) == (0, 1.0)
