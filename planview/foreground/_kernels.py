@@ -22,10 +22,13 @@ mean learned from clipped pixels, which is a lower bound of the surface's luma. 
 been seen: by night, cameras show none."""
 
 F = np.float32
-ZERO, ONE = F(0), F(1)
+ZERO = F(0)
+ONE = F(1)
 NEW_VARIANCE = F(4)
 """Variances of a new Gaussian, over those of a frame's noise: twice its deviation."""
-NO_MATCH, SAME, OTHER_LIGHT = 0, 1, 2
+NO_MATCH = 0
+SAME = 1
+OTHER_LIGHT = 2
 """How an observation matches a Gaussian: not, by colour, or by depth under a shadow or a patch of light."""
 
 Real = Any
@@ -63,7 +66,7 @@ class Constants(NamedTuple):
 
 
 class PixelMixtures(NamedTuple):
-    """What is learned of each pixel."""
+    """The background model: a mixture and an activity per pixel."""
 
     gaussians: AnyArray  # (K, H, W) GAUSSIAN, by decreasing weight / deviation of luma; weights add up to 1
     activity: F32  # (H, W) mean absolute change of luma
@@ -95,11 +98,13 @@ def observe(image: U8, row: int, column: int, d: Real, s: Constants) -> Pixel:
     blue = F(image[row, column, 0])
     if image.shape[2] == 1:
         return Pixel(min((blue - s.offset) * inv_gain, s.clip), ZERO, ZERO, d, False)
-    green, red = F(image[row, column, 1]), F(image[row, column, 2])
+    green = F(image[row, column, 1])
+    red = F(image[row, column, 2])
     luma = F(0.299) * red + F(0.587) * green + F(0.114) * blue
     # A clipped channel shifts the hue; a dim saturated colour keeps it.
     clipped = (max(max(blue, green), red) >= s.clip_image) & (luma >= F(0.75) * s.clip_image)
-    u, v = F(0.492) * (blue - luma) * inv_gain, F(0.877) * (red - luma) * inv_gain
+    u = F(0.492) * (blue - luma) * inv_gain
+    v = F(0.877) * (red - luma) * inv_gain
     return Pixel(min((luma - s.offset) * inv_gain, s.clip), u, v, d, not clipped)
 
 
@@ -130,7 +135,9 @@ def distance_in_chroma(g: Gaussian, du: Real, dv: Real, s: Constants) -> Real:
 @njit(inline="always")
 def colour_distance(g: Gaussian, o: Pixel, s: Constants) -> Real:
     """Squared normalised distance in luma, and in chroma where that counts; NaN or infinite for an empty Gaussian."""
-    dy, du, dv = o.y - shown_luma(g, s), o.u - g.u, o.v - g.v
+    dy = o.y - shown_luma(g, s)
+    du = o.u - g.u
+    dv = o.v - g.v
     noise_y = s.floor_y if g.var_y != ZERO else ZERO
     in_chroma = distance_in_chroma(g, du, dv, s) if chroma_counts(g, o, s) else ZERO
     return dy * dy / max(abs(g.var_y), noise_y) + in_chroma
@@ -140,7 +147,8 @@ def colour_distance(g: Gaussian, o: Pixel, s: Constants) -> Real:
 def is_other_light(g: Gaussian, o: Pixel, chroma: bool, darkest: Real, s: Constants) -> Any:
     """The same surface under a shadow or a patch of light: luma off by a plausible ratio, chroma scaled alike."""
     ratio = (o.y - s.black) / max(shown_luma(g, s) - s.black, ONE)
-    du, dv = o.u - ratio * g.u, o.v - ratio * g.v
+    du = o.u - ratio * g.u
+    dv = o.v - ratio * g.v
     like = not chroma or distance_in_chroma(g, du, dv, s) < s.beta
     return like and ratio >= darkest and ratio * darkest <= ONE
 
@@ -179,8 +187,11 @@ def learn(g: Gaussian, o: Pixel, kind: int, rate: Real, s: Constants) -> None:
     """Update a Gaussian by an observation that matches it; other light moves the means but not the variances."""
     rate_var = rate if kind == SAME else ZERO
     chroma = chroma_counts(g, o, s)
-    rate_c, rate_var_c = (rate, rate_var) if chroma else (ZERO, ZERO)
-    dy, du, dv = o.y - shown_luma(g, s), o.u - g.u, o.v - g.v
+    rate_c = rate if chroma else ZERO
+    rate_var_c = rate_var if chroma else ZERO
+    dy = o.y - shown_luma(g, s)
+    du = o.u - g.u
+    dv = o.v - g.v
     is_bound = g.var_y < ZERO
     if kind == SAME:
         is_bound = o.y >= s.clip and (is_bound or g.y <= s.clip)
@@ -193,10 +204,14 @@ def learn(g: Gaussian, o: Pixel, kind: int, rate: Real, s: Constants) -> None:
         g.var_u = max(g.var_u + rate_var_c * (du * du - g.var_u), s.least_uv)
         g.var_v = max(g.var_v + rate_var_c * (dv * dv - g.var_v), s.least_uv)
     elif o.chroma and rate > ZERO:
-        g.u, g.v, g.var_u, g.var_v = o.u, o.v, NEW_VARIANCE * s.floor_uv, NEW_VARIANCE * s.floor_uv
+        g.u = o.u
+        g.v = o.v
+        g.var_u = NEW_VARIANCE * s.floor_uv
+        g.var_v = NEW_VARIANCE * s.floor_uv
 
     # The mean of the valid disparities only: an exponential mean of d over one of validity.
-    has_depth, had_none = o.d == o.d, g.depth_fraction <= ZERO
+    has_depth = o.d == o.d
+    had_none = g.depth_fraction <= ZERO
     g.depth_fraction += rate * ((ONE if has_depth else ZERO) - g.depth_fraction)
     learns_depth = has_depth and rate > ZERO
     rate_d = rate / max(g.depth_fraction, rate) if learns_depth else ZERO
@@ -211,8 +226,12 @@ def learn(g: Gaussian, o: Pixel, kind: int, rate: Real, s: Constants) -> None:
 def start(g: Gaussian, weight: Real, o: Pixel, s: Constants) -> None:
     """Begin a Gaussian at an observation."""
     has_depth = o.d == o.d
-    g.weight, g.depth_fraction = weight, ONE if has_depth else ZERO
-    g.y, g.u, g.v, g.d = o.y, o.u, o.v, o.d if has_depth else ZERO
+    g.weight = weight
+    g.depth_fraction = ONE if has_depth else ZERO
+    g.y = o.y
+    g.u = o.u
+    g.v = o.v
+    g.d = o.d if has_depth else ZERO
     g.var_y = -NEW_VARIANCE * s.floor_y if o.y >= s.clip else NEW_VARIANCE * s.floor_y
     g.var_u = g.var_v = NEW_VARIANCE * s.floor_uv if o.chroma else ZERO
     g.var_d = NEW_VARIANCE * smallest_var_d(g.d, s)
@@ -225,20 +244,20 @@ def is_deep(g: Gaussian, s: Constants) -> Any:
 
 
 @njit(nogil=True, error_model="numpy")
-def is_background(mixture: AnyArray, found: int, s: Constants) -> Any:
+def is_background(mixture: AnyArray, index: int, s: Constants) -> Any:
     """Whether a Gaussian is one of the leading ones up to weight T, or the deepest above T_D (Harville et al. 2001)."""
     before = ZERO
-    for k in range(found):
+    for k in range(index):
         before += mixture[k].weight
-    deepest = is_deep(mixture[found], s)
+    deepest = is_deep(mixture[index], s)
     for k in range(len(mixture)):
-        deepest &= not is_deep(mixture[k], s) or mixture[k].d >= mixture[found].d
+        deepest &= not is_deep(mixture[k], s) or mixture[k].d >= mixture[index].d
     return before <= s.background_weight or deepest
 
 
 @njit(nogil=True, error_model="numpy")
 def classify(leader: Gaussian, o: Pixel, s: Constants) -> int:
-    """What is not background: SHADOW by its colour, NEARER where depth alone separates it, or FOREGROUND."""
+    """Kind of a pixel that is not background: SHADOW by its colour, NEARER by depth alone, or FOREGROUND."""
     dim = o.d != o.d and o.y < leader.y and s.colour_shadow_ratio > ZERO
     if dim and is_other_light(leader, o, o.chroma and leader.var_u > ZERO, s.colour_shadow_ratio, s):
         return SHADOW
@@ -274,28 +293,32 @@ def settle(
     mixture: AnyArray, spare: AnyArray, o: Pixel, rate_w: Real, rate_m: Real, fast: Real, s: Constants
 ) -> int:  # fmt: skip
     """Find what a pixel is that its leader does not match, and learn it by another Gaussian or in place of the last."""
-    leader, last = mixture[0], len(mixture) - 1
-    found, kind = 0, NO_MATCH
-    while found < last and kind == NO_MATCH:
-        found += 1
-        kind = match(mixture[found], o, s)
+    leader = mixture[0]
+    last = len(mixture) - 1
+    matched = 0
+    kind = NO_MATCH
+    while matched < last and kind == NO_MATCH:
+        matched += 1
+        kind = match(mixture[matched], o, s)
     # Background not observed so far: a surface that was clipped may turn out brighter than that; what appears behind
     # the background was hidden by a person or a thing before: none can stand there.
     dd = o.d - leader.d
-    both, agree = both_have_depth(leader, o, s), dd * dd < s.beta * leader.var_d
+    both = both_have_depth(leader, o, s)
+    agree = dd * dd < s.beta * leader.var_d
     unclipped = leader.var_y < ZERO and o.y > leader.y and (agree or not both)
     behind = both and not agree and dd < ZERO
-    background = unclipped or (kind != NO_MATCH and is_background(mixture, found, s))
+    background = unclipped or (kind != NO_MATCH and is_background(mixture, matched, s))
     what = 0 if background else classify(leader, o, s)
     if rate_w <= ZERO:
         return what
-    if (unclipped or behind) and (kind == NO_MATCH or mixture[found].weight <= s.deepest_weight):
-        rate_w, rate_m = max(rate_w, fast), max(rate_m, fast)
+    if (unclipped or behind) and (kind == NO_MATCH or mixture[matched].weight <= s.deepest_weight):
+        rate_w = max(rate_w, fast)
+        rate_m = max(rate_m, fast)
     for k in range(len(mixture)):
         mixture[k].weight *= ONE - rate_w
     if kind != NO_MATCH:
-        mixture[found].weight += rate_w
-        learn(mixture[found], o, kind, rate_m, s)
+        mixture[matched].weight += rate_w
+        learn(mixture[matched], o, kind, rate_m, s)
     else:
         start(mixture[last], rate_w, o, s)
     sort(mixture, spare, s)
@@ -304,10 +327,13 @@ def settle(
 
 @kernel
 def count_shown(model: PixelMixtures, frame: FrameArrays, s: Constants, step: int) -> tuple[int, int, int, int]:
-    """Of every ``step``-th row and column: pixels; those neither dark nor saturated; which of these show the
+    """Counts over every ``step``-th row and column: pixels; those neither dark nor saturated; which of these show the
     background; and all whose depth can be compared with that of the background."""
     spare = np.empty(1, GAUSSIAN)
-    n, lit, shown, compared = 0, 0, 0, 0
+    n = 0
+    lit = 0
+    shown = 0
+    compared = 0
     for row in range(0, frame.image.shape[0], step):
         for column in range(0, frame.image.shape[1], step):
             n += 1
@@ -347,7 +373,8 @@ def update(model: PixelMixtures, frame: FrameArrays, mask: U8, s: Constants, tur
             if fast > ZERO:
                 activity = activities[row, column]
                 activity += rates[3] * (abs(o.y - last_y[row, column]) - activity)
-                activities[row, column], last_y[row, column] = activity, o.y
+                activities[row, column] = activity
+                last_y[row, column] = o.y
                 # Activity slows learning (Harville et al. 2001), a person stops it, and known background learns fast
                 # (Harville 2002, ECCV).
                 feedback = frame.feedback[row, column]
@@ -355,7 +382,8 @@ def update(model: PixelMixtures, frame: FrameArrays, mask: U8, s: Constants, tur
                     rate_w = rate_m = fast
                 elif feedback != PERSON:
                     slow = s.slow_active if activity > s.active else ONE
-                    rate_w, rate_m = slow * rates[0], slow * rates[1]
+                    rate_w = slow * rates[0]
+                    rate_m = slow * rates[1]
             leader = gaussians[0, row, column]
             kind = match(leader, o, s)
             if kind == NO_MATCH:

@@ -23,7 +23,8 @@ PAIR_STEP = 1009
 """Walks through the pixels in a fixed, scattered order (a prime)."""
 THINNING = 4
 """Candidates are ranked on every fourth pixel."""
-GAIN_MAX, OFFSET_MAX = 8.0, 100.0
+GAIN_MAX = 8.0
+OFFSET_MAX = 100.0
 """Gains and offsets beyond are no camera's: veiling glare and tone curves look like offsets of up to 80 levels."""
 BLACK = 2.0
 """Luma without information: outside the lens, or below the black level [levels]."""
@@ -78,26 +79,31 @@ class GainFinder:
         self._stride = max(1, shape[0] * shape[1] // 4096)
         while math.gcd(self._stride, shape[1]) > 1:
             self._stride += 1
-        self._clip, self._tolerance = clip, tolerance
+        self._clip = clip
+        self._tolerance = tolerance
 
     def __call__(self, leaders: AnyArray, image: U8, last: Exposure) -> Exposure:
-        """Of one image over the model, or the last one where the scene has changed.
+        """Exposure of one image over the model, or the last one where the scene has changed.
 
         Args:
             leaders: (H, W) leading Gaussians. image: (H, W, 1) grey or (H, W, 3) BGR uint8.
         """
-        model, bgr = leaders.reshape(-1)[:: self._stride], image.reshape(-1, image.shape[2])[:: self._stride]
+        model = leaders.reshape(-1)[:: self._stride]
+        bgr = image.reshape(-1, image.shape[2])[:: self._stride]
         # Bounds and black are left out.
-        known = (model["var_y"] > 0) & (model["y"] > BLACK)
-        model, bgr = model["y"][known], bgr[known]
+        is_measured = (model["var_y"] > 0) & (model["y"] > BLACK)
+        model = model["y"][is_measured]
+        bgr = bgr[is_measured]
         luma = bgr @ BGR_TO_LUMA if image.shape[2] == 3 else bgr[:, 0].astype(np.float32)
-        n, pixels = len(model), (model, luma, information_of(luma, self._tolerance))
-        best = self._refined(pixels, *last)
+        n = len(model)
+        pixels = (model, luma, information_of(luma, self._tolerance))
+        best = self._refine(pixels, *last)
         # Fraction of inliers above which no other gain is searched (our choice).
         if best.inliers < 0.7 * n:
-            best = self._searched(pixels, best)
-        found = best.inliers >= max(INLIERS_MIN * n, PIXELS_MIN) and self._is_exposure(best, pixels)
-        return Exposure(best.gain, best.offset) if found else last
+            best = self._search(pixels, best)
+        if best.inliers >= max(INLIERS_MIN * n, PIXELS_MIN) and self._is_exposure(best, pixels):
+            return Exposure(best.gain, best.offset)
+        return last
 
     def _is_exposure(self, line: _Line, pixels: _Pixels) -> bool:
         """Whether a line keeps enough of the scene.
@@ -107,26 +113,29 @@ class GainFinder:
         """
         if not 1 / KEPT_GAIN_MAX < line.gain < KEPT_GAIN_MAX:
             return False
-        model, mean = pixels[0], float(pixels[0].mean())
+        model = pixels[0]
+        mean = float(pixels[0].mean())
         brightness = (line.gain * mean + line.offset) / mean
         information = information_of(np.clip(brightness * model, 0.0, 255.0), self._tolerance)
         return line.evidence >= INLIERS_MIN * float(information.sum())
 
-    def _searched(self, pixels: _Pixels, best: _Line) -> _Line:
+    def _search(self, pixels: _Pixels, best: _Line) -> _Line:
         """The line given, or one with more evidence in the image."""
         line = consensus_line(*pixels, best.gain, best.offset, self._clip, self._tolerance)
         scale = consensus_scale(*pixels, self._clip, self._tolerance)
         for start in (line, (scale, 0.0)):
-            other = self._refined(pixels, *start)
+            other = self._refine(pixels, *start)
             # The inliers of a new gain must weigh 10 % more than those of the last one: a large person is no
             # gain step (our choice).
             if other.evidence > 1.1 * best.evidence:
                 best = other
         return best
 
-    def _refined(self, pixels: _Pixels, gain: float, offset: float) -> _Line:
-        gain, offset = refine_gain(*pixels[:2], gain, offset, self._clip, self._tolerance)
-        return _Line(gain, offset, *weigh_inliers(*pixels, gain, offset, self._clip, self._tolerance, 1))
+    def _refine(self, pixels: _Pixels, gain: float, offset: float) -> _Line:
+        model, luma, _ = pixels
+        gain, offset = refine_gain(model, luma, gain, offset, self._clip, self._tolerance)
+        inliers, evidence = weigh_inliers(*pixels, gain, offset, self._clip, self._tolerance, 1)
+        return _Line(gain, offset, inliers, evidence)
 
 
 def information_of(luma: F32, tolerance: float) -> F32:
@@ -134,9 +143,12 @@ def information_of(luma: F32, tolerance: float) -> F32:
 
     Whatever covers most of the image in one luma lies on any line of that luma.
     """
-    levels, level, reach = np.arange(256), luma.astype(np.int64), int(tolerance)
+    levels = np.arange(256)
+    level = luma.astype(np.int64)
+    reach = int(tolerance)
     below = np.append(0.0, np.bincount(level, minlength=256).cumsum() / max(luma.size, 1))
-    first, last = np.maximum(levels - reach, 0), np.minimum(levels + reach, 255) + 1
+    first = np.maximum(levels - reach, 0)
+    last = np.minimum(levels + reach, 255) + 1
     by_chance = (1.0 - ANY_LUMA) * (below[last] - below[first]) + ANY_LUMA * (last - first) / 256.0
     return np.asarray(-np.log(by_chance), np.float32)[level]
 
@@ -147,7 +159,8 @@ def weigh_inliers(
 ) -> tuple[int, float]:
     """Number of the pixels, of every step-th, within the tolerance of the line (clipped at both ends), and what they
     weigh."""
-    n, evidence = 0, 0.0
+    n = 0
+    evidence = 0.0
     for i in range(0, model.size, step):
         expected = min(max(gain * model[i] + offset, 0.0), clip)
         if abs(min(luma[i], clip) - expected) <= tolerance:
@@ -166,7 +179,8 @@ def consensus_line(
     n = model.size
     # Lines tried: if only 30 % of the pixels are unchanged, 13 of them join two such pixels.
     for k in range(150):
-        i, j = (k * PAIR_STEP) % n, (k * PAIR_STEP + n // 2 + k) % n
+        i = (k * PAIR_STEP) % n
+        j = (k * PAIR_STEP + n // 2 + k) % n
         run = model[j] - model[i]
         # Smallest difference of luma of two pixels that define a line [levels]: four times the noise.
         if abs(run) < 15.0 or max(luma[i], luma[j]) >= clip or min(luma[i], luma[j]) <= BLACK:
@@ -176,19 +190,22 @@ def consensus_line(
         if 1.0 / GAIN_MAX < gain < GAIN_MAX and abs(offset) < OFFSET_MAX:
             evidence = weigh_inliers(model, luma, information, gain, offset, clip, tolerance, THINNING)[1]
             if evidence > most:
-                best, most = (gain, offset), evidence
+                best = (gain, offset)
+                most = evidence
     return best
 
 
 @kernel
 def consensus_scale(model: F32, luma: F32, information: F32, clip: float, tolerance: float) -> float:
     """The smallest gain of a ladder with the largest evidence, without offset: it works on clipped images, too."""
-    best, most = 1.0, 0.0
+    best = 1.0
+    most = 0.0
     for k in range(-LADDER_STEPS, LADDER_STEPS + 1):
         gain = math.exp(k * LADDER_STEP)
         evidence = weigh_inliers(model, luma, information, gain, 0.0, clip, tolerance, THINNING)[1]
         if evidence > most:
-            best, most = gain, evidence
+            best = gain
+            most = evidence
     return best
 
 
@@ -202,9 +219,15 @@ def refine_gain(
     """
     reach = tolerance
     for _ in range(ROUNDS):
-        n, sm, sy, smm, smy, rest = 0, 0.0, 0.0, 0.0, 0.0, 0.0
+        n = 0
+        sm = 0.0
+        sy = 0.0
+        smm = 0.0
+        smy = 0.0
+        rest = 0.0
         for i in range(model.size):
-            m, y = float(model[i]), float(luma[i])
+            m = float(model[i])
+            y = float(luma[i])
             expected = gain * m + offset
             if tolerance < expected < clip - tolerance and abs(y - expected) <= reach:
                 n += 1
@@ -218,7 +241,8 @@ def refine_gain(
         if n < PIXELS_MIN or det <= 0.0:
             break
         before = gain, offset, reach
-        gain, offset = (smy * held - sm * sy) / det, (smm * sy - sm * smy) / det
+        gain = (smy * held - sm * sy) / det
+        offset = (smm * sy - sm * smy) / det
         reach = min(max(3.0 * rest / n, TOLERANCE_MIN), tolerance)
         if gain == before[0] and offset == before[1] and reach == before[2]:
             break  # further rounds would repeat this one

@@ -70,7 +70,7 @@ def find_blobs(mask: U8) -> Blobs:
 
 
 class Ghosts(Carried):
-    """Where people of the first frames have left: searched from time to time, and in every frame while they set out.
+    """Finds where people of the first frames have left: from time to time, and in every frame while they set out.
 
     Attributes:
         mask: (H, W) uint8, 255 in ghosts.
@@ -85,7 +85,8 @@ class Ghosts(Carried):
     def reset(self) -> None:
         """Forget all frames."""
         self.mask, self._moved_s = np.zeros(self._shape, np.uint8), np.zeros(self._shape, np.float32)
-        self._searched_s, self._first_s = -math.inf, math.nan
+        self._searched_s = -math.inf
+        self._first_s = math.nan
 
     def update(
         self, now_s: float, luma: U8, background: Callable[[], U8], mask: U8, motion: U8, walkers: Bool | None
@@ -104,7 +105,8 @@ class Ghosts(Carried):
         if not starting and now_s - self._searched_s < SEARCH_INTERVAL_S - 5e-4:
             return
         self._searched_s = now_s
-        behind, blobs = background(), find_blobs(mask)
+        behind = background()
+        blobs = find_blobs(mask)
         self.mask = find_ghosts(luma, behind, blobs, motion)
         if starting:
             self._moved_s[motion > 0] = age_s
@@ -121,17 +123,18 @@ def find_ghosts(luma: U8, background: U8, blobs: Blobs, motion: U8) -> U8:
     rim = (mask > 0) & (cv2.erode(mask, _SQUARE) == 0)
     which = blobs.labels[rim]
     length = np.maximum(1, np.bincount(which, minlength=len(blobs)))
-    steps = (_steps(image)[rim] for image in (luma, background))
-    here, before = (np.bincount(which, values, minlength=len(blobs)) / length for values in steps)
-    return _painted(blobs, (before >= EDGE_LEVELS) & (before >= EDGE_RATIO * here) & _still(blobs, motion))
+    here = np.bincount(which, _steps(luma)[rim], minlength=len(blobs)) / length
+    before = np.bincount(which, _steps(background)[rim], minlength=len(blobs)) / length
+    is_ghost = (before >= EDGE_LEVELS) & (before >= EDGE_RATIO * here) & _is_still(blobs, motion)
+    return paint_blobs(blobs, is_ghost)
 
 
 def find_still(blobs: Blobs, moved: U8 | Bool) -> U8:
     """(H, W) uint8, 255 in blobs that have not moved for a while: ``moved``, (H, W), is 0 nearly all over them."""
-    return _painted(blobs, _still(blobs, moved))
+    return paint_blobs(blobs, _is_still(blobs, moved))
 
 
-def _still(blobs: Blobs, motion: U8 | Bool) -> Bool:
+def _is_still(blobs: Blobs, motion: U8 | Bool) -> Bool:
     """(n,) whether each blob is large enough and hardly any of it moves."""
     moving = np.bincount(blobs.labels[motion > 0], minlength=len(blobs)) / np.maximum(1, blobs.area_px)
     return np.asarray((moving <= GHOST_MOTION) & (blobs.area_px >= GHOST_AREA_PX))
@@ -148,18 +151,20 @@ def find_uncovered(luma: U8, background: U8, mask: U8) -> U8:
     left, top, width, height = cv2.boundingRect(mask)
     uncovered = np.zeros(mask.shape, np.uint8)
     # One pixel more than the dilation below, so that something around every blob is inside.
-    rows, cols = slice(max(0, top - 2), top + height + 2), slice(max(0, left - 2), left + width + 2)
+    rows = slice(max(0, top - 2), top + height + 2)
+    cols = slice(max(0, left - 2), left + width + 2)
     inside, luma, background = (np.ascontiguousarray(a[rows, cols]) for a in (mask, luma, background))
     # Pixels at an outline are a mixture of both sides.
     blobs = np.asarray(cv2.dilate(inside, _SQUARE), dtype=np.uint8)
     if not width or blobs.all():
         return uncovered
     around = _around(luma, blobs)
-    here, before = (_mean_difference(image, around, inside) for image in (luma, background))
+    here = _mean_difference(luma, around, inside)
+    before = _mean_difference(background, around, inside)
     alike = np.where((inside > 0) & (before >= EDGE_RATIO * here + EDGE_LEVELS), np.uint8(255), np.uint8(0))
     if alike.any():
         parts = find_blobs(np.asarray(cv2.morphologyEx(alike, cv2.MORPH_OPEN, _SQUARE), np.uint8))
-        uncovered[rows, cols] = _painted(parts, parts.area_px >= GHOST_AREA_PX)
+        uncovered[rows, cols] = paint_blobs(parts, parts.area_px >= GHOST_AREA_PX)
     return uncovered
 
 
@@ -175,17 +180,19 @@ def _around(luma: U8, mask: U8) -> F32:
 def _mean_difference(luma: U8, around: F32, mask: U8) -> F32:
     """(H, W) float32 mean difference of luma to what is around, over the masked pixels of a window."""
     inside = (mask > 0).astype(np.float32)
-    total, count = (cv2.blur(values, (5, 5)) for values in (np.abs(luma - around) * inside, inside))
+    total = cv2.blur(np.abs(luma - around) * inside, (5, 5))
+    count = cv2.blur(inside, (5, 5))
     return np.asarray(total / np.maximum(count, np.float32(1e-3)))
 
 
 def _steps(luma: U8) -> F32:
     """(H, W) float32 step [levels] across each pixel, by the 3x3 Sobel operators, whose gain is 4."""
-    across, along = (cv2.Sobel(luma, cv2.CV_32F, dx, 1 - dx, ksize=3) for dx in (1, 0))
+    across = cv2.Sobel(luma, cv2.CV_32F, 1, 0, ksize=3)
+    along = cv2.Sobel(luma, cv2.CV_32F, 0, 1, ksize=3)
     return np.asarray(cv2.magnitude(across, along) / np.float32(4.0))
 
 
-def _painted(blobs: Blobs, chosen: Bool) -> U8:
+def paint_blobs(blobs: Blobs, chosen: Bool) -> U8:
     """(H, W) uint8, 255 in the blobs that are chosen, (n,); the background is none."""
     chosen = chosen & (np.arange(len(blobs)) > 0)
     return np.where(chosen, np.uint8(255), np.uint8(0))[blobs.labels]

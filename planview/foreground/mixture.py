@@ -30,10 +30,14 @@ ACTIVITY_LEVEL = 5.0
 """Mean |Y_t - Y_(t-1)| above which a pixel is active (levels of 255). Our choice: noise of 3 levels gives 3.4."""
 SAMPLED = 4
 """Step of the rows and columns sampled to see whether a frame shows anything."""
-SHOWN_MIN, DEPTH_MIN, LIT_MIN = 0.6, 0.33, 0.5
+SHOWN_MIN = 0.6
+DEPTH_MIN = 0.33
+LIT_MIN = 0.5
 """Least parts of the usual shares of pixels: explained by the background, with depth to be compared with that of the
 background, and neither dark nor saturated."""
-EDGE_NOISE, EDGES_MIN, SHARP_MIN = 3.0, 50, 0.5
+EDGE_NOISE = 3.0
+EDGES_MIN = 50
+SHARP_MIN = 0.5
 """Neighbours whose luma differs by more than this many deviations of its noise are an edge; fewer edges of a background
 do not show whether an image is sharp; least part of their usual share that a sharp image shows."""
 COVER_S = 0.15
@@ -42,7 +46,8 @@ BACK_MIN = 0.9
 """Replaces SHOWN_MIN while the camera moves: with more than this it is back in its place."""
 DAMAGE_S = 3.0
 """Longer than this no frames are damaged: the view or the light is another one [s]."""
-GREY_LEVELS, GREY_SHARE = 8, 0.002
+GREY_LEVELS = 8
+GREY_SHARE = 0.002
 """Channels that differ by no more, but in this share of the pixels, are an image without colour [levels of 255]."""
 TURNS_MAX = 4
 """Turns in which pixels learn, at most."""
@@ -52,7 +57,7 @@ where only every fourth frame is written back to memory."""
 
 
 class Foreground(Carried):
-    """What is not background, learned while watching; a fixed camera is assumed.
+    """Separates what is not background, learned while watching; a fixed camera is assumed.
 
     Feedback (optional) is an (H, W) uint8 mask of what a tracker knows of the *current* image: NO_FEEDBACK, PERSON
     (learns nothing) or BACKGROUND (learns within settle_s); Harville 2002, ECCV.
@@ -86,7 +91,8 @@ class Foreground(Carried):
         if min(shape) < 1:
             raise ValueError(f"expected a positive image size, got {shape}")
         self.params = params
-        self._noise_per_px2, self._body_over_metre = disparity_noise_per_px2, BODY_M / disparity_metre
+        self._noise_per_px2 = disparity_noise_per_px2
+        self._body_over_metre = BODY_M / disparity_metre
         self.shape = shape
         self._reduction = reduction
         self._model = kernels.PixelMixtures(
@@ -109,10 +115,12 @@ class Foreground(Carried):
         self._exposure = self._rebased = Exposure()
         self.shows = True
         """Whether the last image showed anything that is known: else nothing was learned from it."""
-        self._usual, self._shown_s = (0.0, 0.0, 0.0), math.nan
+        self._usual = (0.0, 0.0, 0.0)
+        self._shown_s = math.nan
         self.sharp = True
         """Whether the last image showed the edges of the background: else colours of bodies and background mix."""
-        self._usual_edges, self._sharp_s = 0.0, math.nan
+        self._usual_edges = 0.0
+        self._sharp_s = math.nan
 
     @property
     def settled(self) -> bool:
@@ -135,15 +143,16 @@ class Foreground(Carried):
         Raises:
             ValueError: an array of another shape or type.
         """
-        image = self._checked_image(image)
+        image = self._require_image(image)
         is_first = math.isnan(self._first_s)
         frame = kernels.FrameArrays(
             image,
-            self._checked(disparity if self.params.depth else None, np.nan, np.float32, "disparity"),
-            self._checked(feedback, NO_FEEDBACK, np.uint8, "feedback"),
+            self._require(disparity if self.params.depth else None, np.nan, np.float32, "disparity"),
+            self._require(feedback, NO_FEEDBACK, np.uint8, "feedback"),
         )
         if not is_first:
-            before, self._exposure = self._exposure, self._gain(self._model.gaussians[0], image, self._exposure)
+            before = self._exposure
+            self._exposure = self._gain(self._model.gaussians[0], image, self._exposure)
             self.shows = self._judge(frame, timestamp_s, steady)
             if not self.shows:
                 # Of a background that was forgotten, the exposure is too.
@@ -163,7 +172,9 @@ class Foreground(Carried):
         if self.params.remove_colour_shadows:
             self.shadow = np.asarray(cv2.inRange(mask, SHADOW, SHADOW), dtype=np.uint8)
             mask[self.shadow > 0] = 0
-        return mask if disparity is None else self._without_fattening(mask)
+        if disparity is None:
+            return mask
+        return self._without_fattening(mask)
 
     def _judge(self, frame: kernels.FrameArrays, timestamp_s: float, steady: bool) -> bool:
         """Whether a frame shows what the background can be compared with, as nearly as much as usual.
@@ -189,9 +200,10 @@ class Foreground(Carried):
         return True
 
     def _look_for_edges(self, image: U8, timestamp_s: float) -> None:
-        """Whether a (H, W, 1 or 3) image is sharp: where the background has an edge it has at least half of one, nearly
+        """Judge whether a (H, W, 1 or 3) image is sharp: where the background has an edge it has half of one, nearly
         as often as usual. What stays blurred for longer than damage lasts is another focus."""
-        rows, edge = np.ascontiguousarray(image[::SAMPLED]), EDGE_NOISE * self.params.luma_noise
+        rows = np.ascontiguousarray(image[::SAMPLED])
+        edge = EDGE_NOISE * self.params.luma_noise
         luma = as_grey(rows if image.shape[2] == 3 else rows[..., 0])
         there = np.abs(np.diff(self._model.gaussians["y"][0, ::SAMPLED], axis=1)) > edge
         here = cv2.absdiff(luma[:, 1:], luma[:, :-1]) > 0.5 * edge * self._exposure.gain
@@ -199,7 +211,8 @@ class Foreground(Carried):
         shown = np.count_nonzero(there & here) / edges if edges >= EDGES_MIN else 1.0
         self.sharp = not shown < SHARP_MIN * self._usual_edges or timestamp_s - self._sharp_s > DAMAGE_S
         if self.sharp:
-            self._usual_edges, self._sharp_s = shown, timestamp_s
+            self._usual_edges = shown
+            self._sharp_s = timestamp_s
 
     def _without_fattening(self, mask: U8) -> U8:
         """Foreground as 255, without what has the background's colour next to a foreground of another colour.
@@ -227,10 +240,10 @@ class Foreground(Carried):
     def background_disparity(self) -> F32:
         """(H, W) float32 [px], of the most common background; NaN where it has no depth, and before an update."""
         leader = self._model.gaussians[0]
-        known = (leader["depth_fraction"] >= np.float32(self.params.min_depth_fraction)) & (leader["d"] > 0)
-        return np.where(known, leader["d"], np.float32(np.nan))
+        has_depth = (leader["depth_fraction"] >= np.float32(self.params.min_depth_fraction)) & (leader["d"] > 0)
+        return np.where(has_depth, leader["d"], np.float32(np.nan))
 
-    def _checked_image(self, image: U8) -> U8:
+    def _require_image(self, image: U8) -> U8:
         """(H, W, 1) of an image without colour, else (H, W, 3)."""
         if image.dtype != np.uint8 or image.shape[:2] != self.shape or image.shape[2:] not in ((), (1,), (3,)):
             raise ValueError(f"expected a {self.shape} uint8 image, grey or BGR, got {image.shape} {image.dtype}")
@@ -240,7 +253,9 @@ class Foreground(Carried):
         planes = np.ascontiguousarray(image[::SAMPLED, ::SAMPLED].transpose(2, 0, 1))
         spread = planes.max(axis=0) - planes.min(axis=0)
         is_grey = np.count_nonzero(spread > GREY_LEVELS) <= GREY_SHARE * spread.size
-        return np.ascontiguousarray(image[..., 1:2]) if is_grey else image
+        if is_grey:
+            return np.ascontiguousarray(image[..., 1:2])
+        return image
 
     @property
     def exposure(self) -> Exposure:
@@ -260,7 +275,8 @@ class Foreground(Carried):
             scaled *= np.float32(gain)
         for name in ("var_y", "var_u", "var_v"):
             gaussians[name] *= np.float32(gain) * np.float32(gain)
-        self._rebased, self._exposure = self.exposure, Exposure()
+        self._rebased = self.exposure
+        self._exposure = Exposure()
 
     def _rates(self, timestamp_s: float) -> F32:
         """(TURNS_MAX, 4) float32 rates of the rows of each turn at the next frame; zeros where it is not due."""
@@ -285,8 +301,9 @@ class Foreground(Carried):
         return rates
 
     def _constants(self) -> kernels.Constants:
-        """In the exposure of the model, whose luma the image shows with a gain and an offset."""
-        p, (gain, offset) = self.params, self._exposure
+        """Constants in the exposure of the model, whose luma the image shows with a gain and an offset."""
+        p = self.params
+        gain, offset = self._exposure
         least = min(1.0 / gain, self._rebased.gain, 1.0)
         values = kernels.Constants(
             beta=p.beta,
@@ -315,7 +332,7 @@ class Foreground(Carried):
         )
         return kernels.Constants._make(map(np.float32, values))
 
-    def _checked(self, array: AnyArray | None, default: float, dtype: type, name: str) -> AnyArray:
+    def _require(self, array: AnyArray | None, default: float, dtype: type, name: str) -> AnyArray:
         if array is None:
             return np.full(self.shape, default, dtype)
         if array.dtype != dtype or array.shape != self.shape:

@@ -6,10 +6,14 @@ from pydantic import Field
 
 from calib.params import Params
 
-NO_FEEDBACK, PERSON, BACKGROUND = 0, 1, 2
+NO_FEEDBACK = 0
+PERSON = 1
+BACKGROUND = 2
 """Values of a feedback mask: what a tracker knows about each pixel."""
 
-FOREGROUND, NEARER, SHADOW = 255, 191, 127
+FOREGROUND = 255
+NEARER = 191
+SHADOW = 127
 """Values of the kernels' mask; background is 0. What is nearer than the background has its colour: only depth shows
 it apart. A shadow is one that its colour alone gives away."""
 WALKER = 3
