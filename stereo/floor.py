@@ -34,9 +34,6 @@ FITTED_STEP_PX = 3
 MIN_WATCHED, NEARER_FACTOR = 5, 1.15
 """What moves shows in at least 5 frames; it is nearer by this factor than the usual depth of its pixel: a
 person half a metre in front of a wall 4 m away."""
-MIN_BODY, ELONGATED = 60, 2.0
-"""Fewest points of a patch, and how much longer than wide it is where it shows which way a body stands: a standing
-person is three times as tall as wide."""
 ALIGN_WINDOW, ALIGN_NOISE = 1 / 30, 3.0
 """Side of the windows in which light is taken out, of the image's width, and the least deviation in them [grey levels]
 that counts as texture."""
@@ -344,35 +341,27 @@ def floor_in(
     if geometry.depth_std_min_m > 0.0:
         share = FLOOR_DISPARITY_STD_PX / geometry.disparity_std_px  # what medians leave of a frame's noise
         sigma_z = [np.float32(share) * geometry.depth_std_m(cloud[:, 2]) for cloud in clouds]
-    moved = moved_patches(grids)
     return find_floor(
         clouds, focal_px=geometry.focal_u_px, baseline_m=geometry.baseline_m, sigma_z=sigma_z,
-        moved=None if moved is None else np.concatenate(moved), bodies=[*map(long_axis, moved or ())],
-        align=align, params=params,
+        moved=moved_patches(grids), align=align, params=params,
     )  # fmt: skip
 
 
-def long_axis(points: F64) -> F64:
-    """(3,) unit vector along the longest extent of (N, 3) points; NaN where none is by far the longest."""
-    if len(points) < MIN_BODY:
-        return np.full(3, np.nan)
-    values, vectors = np.linalg.eigh(np.cov(points.T))
-    return np.asarray(vectors[:, 2] if values[2] > ELONGATED**2 * values[1] else np.full(3, np.nan))
-
-
-def moved_patches(grids: Sequence[F32]) -> list[F64] | None:
-    """(M, 3) points [m] of every patch in front of what is usually measured in its pixels: mostly people."""
+def moved_patches(grids: Sequence[F32]) -> list[F64]:
+    """(M, 3) points [m] of every patch in front of what is usually measured in its pixels: mostly people; none of fewer
+    than ``MIN_WATCHED`` frames."""
+    patches: list[F64] = []
     if len(grids) < MIN_WATCHED:
-        return None
+        return patches
     inverse = 1.0 / np.maximum(np.stack(grids)[..., 2], 0.01)
     # Unknown depth counts as farther than all else, so that what is hardly ever measured has no usual depth.
     usual = np.median(np.nan_to_num(inverse, nan=0.0), axis=0)
     nearer = (inverse > NEARER_FACTOR * usual) & (usual > 0)
-    found = [np.empty((0, 3))]
     for grid, mask in zip(grids, nearer, strict=True):
-        count, patches = cv2.connectedComponents(cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)))
-        found += [grid[patches == label].astype(np.float64) for label in range(1, count)]
-    return found
+        count, labels = cv2.connectedComponents(cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)))
+        for label in range(1, count):
+            patches.append(grid[labels == label].astype(np.float64))
+    return patches
 
 
 def setup_frames(recording: Recording[Any], count: int = SETUP_FRAMES) -> list[Frame[Shot]]:

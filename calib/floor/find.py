@@ -39,8 +39,7 @@ def find_floor(
     focal_px: float,
     baseline_m: float,
     sigma_z: Sequence[F32] | None = None,
-    moved: F64 | None = None,
-    bodies: Sequence[F64] = (),
+    moved: Sequence[F64] = (),
     align: Callable[[Plane], Plane] | None = None,
     params: FloorParams | None = None,
 ) -> Floor:
@@ -55,8 +54,7 @@ def find_floor(
         clouds: one (N, 3) array of points per frame [m], rectified left camera frame; rows with NaN are skipped.
         focal_px, baseline_m: of the rectified pair, for the depth noise.
         sigma_z: one (N,) array of depth deviations [m] per cloud; replaces the noise model.
-        moved: (M, 3) points of what moves between the frames, mostly people [m]; None where that is not known.
-        bodies: (3,) unit vectors along what moves, where it is longer than wide, else NaN: people stand.
+        moved: (M, 3) points of each patch that moves between the frames, mostly people [m].
         align: improves the plane that was chosen, e.g. by the images (see ``stereo.floor``).
         params: what counts as a floor.
     """
@@ -65,7 +63,7 @@ def find_floor(
     points = _points(clouds, sigma_z, planes.FLOOR_DISPARITY_STD_PX * inverse_per_px)
     if len(points) < MIN_POINTS:
         raise WorkError(f"no floor found: only {len(points)} points with valid depth in {len(clouds)} frames")
-    seen = Moved(np.empty((0, 3)) if moved is None else moved, np.array([*bodies]).reshape(-1, 3))
+    seen = Moved.of(moved)
     cells = Cells(points)
     candidates = floor_candidates(cells, params, seen)
     best = planes.choose_floor(candidates, params)
@@ -74,7 +72,7 @@ def find_floor(
     if align is not None:
         best = replace(best, plane=align(best.plane))
     return replace(
-        _floor(best, cells, planes.FLOOR_BIAS_PX * inverse_per_px), doubt=planes.doubt(best, candidates, seen)
+        _floor(best, cells, planes.FLOOR_BIAS_PX * inverse_per_px), doubt=planes.doubt(best, candidates, seen, params)
     )
 
 

@@ -231,8 +231,23 @@ def sandwich(inverse_information: F64, scores: F64, places: F64, parts: int = 6)
 PARALLEL_DEG = 10.0
 """Normals closer than this are one direction: a small plane's own is known to a few degrees only."""
 LEAST_COS = math.cos(math.radians(PARALLEL_DEG))
-MIN_BODIES = 3
-"""Fewest things longer than wide by which what moves stands."""
+MIN_PATCH, MIN_PATCHES = 60, 3
+"""Fewest points of a patch that moved, and fewest patches, that show where the vertical is."""
+ELONGATED = 2.0
+"""How much longer than broad a patch is that shows how a body stands: a standing person is three times as tall as
+broad."""
+PERSON_LENGTH_M, PERSON_BREADTH_M = (0.5, PEOPLE_M), 0.15
+"""Length and least breadth of what is seen of a person [m]: from head and chest behind a desk to the whole body. Longer
+patches are several people, narrower ones edges of things that flicker."""
+UPRIGHT_COS = math.cos(math.radians(45.0))
+"""A patch stands along a vertical where the angle between them is less than 45 degrees."""
+STANDING_ODDS = 9.0
+"""Of ten long patches of a person's size one lies: two people side by side, or a thing that is carried."""
+MIDDLES_STD_M = 0.25
+"""Deviation of the heights of what is seen of people, in the middle: children, and legs behind desks [m]."""
+DECISIVE = 0.3
+"""Log-likelihood ratio by which a plane is a wall: people of whom half the points lie along it, or what varies twice as
+much in height as people do."""
 MIN_MOVED = 500
 """Points that must have moved before they speak against a plane: a fifth of a person in a few frames."""
 MOUNT_M, MOUNT_SPREAD = (3.0, 1.4), (0.35, 0.5)
@@ -241,9 +256,6 @@ and tripods [m], and the deviation of its logarithm; in between by the tilt."""
 CEILING_M, CEILING_ODDS = (2.2, 3.5), 3.0
 """Heights of rooms [m], and by how much a ceiling at one of them makes a floor likelier than two walls as far apart are
 in the view of a camera that looks straight down."""
-STRAIGHT_DEG = 15.0
-"""Planes seen this nearly straight on are judged twice: cameras are mounted level, or overhead, by eye.
-"""
 LEANING_DEG = -5.0
 """Below this tilt a camera leans backwards (an overhead mount is off by a few degrees)."""
 
@@ -263,32 +275,81 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Moved:
-    """What moves: its (M, 3) points [m], and (K, 3) unit vectors along things longer than wide, NaN of others."""
+    """Evidence of what moves between the frames, mostly people.
+
+    Attributes:
+        points: (M, 3) of all patches that moved [m].
+        middles: (K, 3) of each patch that is large enough [m].
+        axes: (K, 3) unit vectors along them; NaN where they are not much longer than broad, or not of a person's size.
+        weights: (K,) shares of their points.
+    """
 
     points: F64
-    bodies: F64
+    middles: F64
+    axes: F64
+    weights: F64
 
-    def __post_init__(self) -> None:
-        known = np.isfinite(self.bodies).all(axis=1)
-        object.__setattr__(self, "bodies", self.bodies[known])
+    @classmethod
+    def of(cls, patches: Sequence[F64]) -> Moved:
+        """Gather (N, 3) points [m] of patches, one for each thing in each frame."""
+        large = [patch for patch in patches if len(patch) >= MIN_PATCH]
+        middles = np.array([patch.mean(axis=0) for patch in large]).reshape(-1, 3)
+        axes = np.array([long_axis(patch) for patch in large]).reshape(-1, 3)
+        counts = np.array([len(patch) for patch in large])
+        return cls(np.concatenate([np.empty((0, 3)), *patches]), middles, axes, counts / max(counts.sum(), 1))
 
-    @property
-    def decides(self) -> bool:
-        """Whether enough moved to tell a wall from a floor."""
-        return len(self.points) >= MIN_MOVED
-
-    def objection(self, plane: Plane) -> str:
-        """Why what moves speaks against a plane as the floor; empty where it does not.
-
-        People reach no higher than ``PEOPLE_M``, and stand: a wall seen straight on looks like a floor from above, but
-        people walk metres in front of it, and along it.
-        """
-        high = float(np.mean(self.points @ plane.normal + plane.distance_m > PEOPLE_M)) if self.decides else 0.0
+    def objection(self, plane: Plane, params: FloorParams) -> str:
+        """Why what moves speaks against a plane as the floor; empty where it does not."""
+        heights_m = self.points @ plane.normal + plane.distance_m
+        high = float(np.mean(heights_m > PEOPLE_M)) if len(heights_m) >= MIN_MOVED else 0.0
         if high > MAX_HIGH_FRACTION:
             return f"{high:.0%} of what moves is higher than people above it"
-        standing = np.abs(self.bodies @ plane.normal)
-        lies = len(standing) >= MIN_BODIES and np.median(standing) < math.cos(math.radians(45))
-        return "what moves does not stand on it but lies along it" if lies else ""
+        is_wall = self.floor_to_wall(plane, params) < -DECISIVE
+        return "what moves does not stand on it but lies along it" if is_wall else ""
+
+    def floor_to_wall(self, plane: Plane, params: FloorParams) -> float:
+        """Log-likelihood ratio of a plane as the floor to it as a wall, from what moves taken as one look.
+
+        A wall seen straight on looks like a floor from above, but people stand along it, and walk towards it and away.
+        Each reading has its own vertical. People are long along the true one and stay at one height along it; each
+        patch counts by its points. Long things that lie along neither, as carried boards do, favour none.
+        """
+        vertical = vertical_of_wall(plane, params)
+        if vertical is None:
+            return math.inf
+        if len(self.weights) < MIN_PATCHES:
+            return 0.0
+        standing = np.abs(self.axes @ plane.normal) > UPRIGHT_COS
+        lying = np.abs(self.axes @ vertical) > UPRIGHT_COS
+        stands = float(self.weights @ standing - self.weights @ lying)
+        steady_m2 = self._variance_m2(vertical) - self._variance_m2(plane.normal)
+        return math.log(STANDING_ODDS) * stands + steady_m2 / (2.0 * MIDDLES_STD_M**2)
+
+    def _variance_m2(self, direction: F64) -> float:
+        """Variance of the middles of the patches along a direction [m^2]."""
+        along_m = self.middles @ direction
+        return float(self.weights @ (along_m - self.weights @ along_m) ** 2)
+
+
+def long_axis(points: F64) -> F64:
+    """(3,) unit vector along the longest extent of (N, 3) points [m]; NaN where they are not much longer than broad, or
+    not of a person's size."""
+    variances, axes = np.linalg.eigh(np.cov(points.T))
+    # Extents of an even spread with these variances.
+    breadth_m, length_m = np.sqrt(12.0 * np.maximum(variances[1:], 0.0))
+    of_person = PERSON_LENGTH_M[0] < length_m < PERSON_LENGTH_M[1] and breadth_m > PERSON_BREADTH_M
+    return np.asarray(axes[:, 2]) if of_person and length_m > ELONGATED * breadth_m else np.full(3, np.nan)
+
+
+def vertical_of_wall(plane: Plane, params: FloorParams) -> F64 | None:
+    """(3,) unit vector of the vertical if a plane is a wall and no floor; None where no camera would be upright then.
+
+    A level camera sees the wall ahead as one that looks straight down sees the floor, and the other way round.
+    """
+    tilt_deg = math.degrees(plane.tilt_rad)
+    if params.max_tilt_deg - 90.0 < tilt_deg < params.min_tilt_deg + 90.0:
+        return None
+    return np.array([0.0, -math.cos(plane.tilt_rad), math.sin(plane.tilt_rad)])
 
 
 def judge(plane: Plane, view: Rays, cells: Cells, moved: Moved, params: FloorParams) -> Candidate:
@@ -317,7 +378,7 @@ def judge(plane: Plane, view: Rays, cells: Cells, moved: Moved, params: FloorPar
     elif above > MAX_BLUR_FRACTION * on or sharpness < MIN_SHARPNESS:
         refused = "it only cuts through a surface that is not flat"
     else:
-        refused = moved.objection(plane)
+        refused = moved.objection(plane, params)
     near = np.maximum(1.0 - (residuals / INLIER_SIGMAS) ** 2, 0.0)
     return Candidate(plane, on, below, float(share @ near) / max(within, 1e-9), refused)
 
@@ -362,24 +423,30 @@ def choose_floor(candidates: Sequence[Candidate], params: FloorParams) -> Candid
     return max((c for c in parallel if c.inlier_fraction >= enough), key=lambda c: c.plane.distance_m)
 
 
-def doubt(chosen: Candidate, candidates: Sequence[Candidate], moved: Moved) -> str:
+def doubt(chosen: Candidate, candidates: Sequence[Candidate], moved: Moved, params: FloorParams) -> str:
     """Why a plane seen straight on may be a wall in front of a level camera, and the floor of a level camera a wall
     next to an overhead one; empty where that is settled.
 
     From straight above and straight ahead alone both readings are alike; what moves in front of the plane decides.
     """
-    straight, level = math.radians(STRAIGHT_DEG), math.radians(90.0 - STRAIGHT_DEG)
-    tilts = straight < chosen.plane.tilt_rad < level
-    others = [c.plane for c in candidates if not c.refused and not straight < c.plane.tilt_rad < level]
-    if tilts or moved.decides:
+    if moved.floor_to_wall(chosen.plane, params) > 0.0:
         return ""
-    of_level = chosen.plane.tilt_rad >= level
-    below = min((p.distance_m for p in others if (p.tilt_rad >= level) != of_level), default=None)
-    if of_level and below is None:
+    of_level = _is_level(chosen.plane)
+    rivals_m = []
+    for other in candidates:
+        ambiguous = vertical_of_wall(other.plane, params) is not None
+        if ambiguous and not other.refused and _is_level(other.plane) != of_level:
+            rivals_m.append(other.plane.distance_m)
+    if of_level and not rivals_m:
         return ""
     what = "a wall next to a camera that looks straight down" if of_level else "a wall in front of a level camera"
     text = f"{what} would look the same, and nothing moved that shows which it is"
-    return text if below is None else f"{text}: another plane would be the floor {below:.2f} m below such a camera"
+    return f"{text}: another plane would be the floor {min(rivals_m):.2f} m below such a camera" if rivals_m else text
+
+
+def _is_level(plane: Plane) -> bool:
+    """Whether a camera above a plane looks ahead rather than down."""
+    return plane.tilt_rad > math.radians(45.0)
 
 
 def _log_likelihood(c: Candidate, candidates: Sequence[Candidate]) -> float:

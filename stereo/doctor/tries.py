@@ -11,12 +11,13 @@ import cv2
 import numpy as np
 
 from calib.errors import WorkError
+from calib.floor.plane import MIN_PATCH
 from calib.images import as_grey
 from calib.rig import Floor, StereoRig
 from calib.types import F32, F64
 from stereo.depth import RectifiedGeometry, back_project, median_image
 from stereo.doctor.hypotheses import AS_RECORDED, PLACES, Hypothesis
-from stereo.floor import FITTED_STEP_PX, MIN_BODY, FloorSearch, floor_in, moved_patches
+from stereo.floor import FITTED_STEP_PX, FloorSearch, floor_in, moved_patches
 from stereo.matcher import DisparityRange, SgbmMatcher
 from stereo.readers.state import is_ideal
 from stereo.recording import Frame, Shot
@@ -67,7 +68,7 @@ def view_of(depths: Sequence[F32], geometry: RectifiedGeometry, search: FloorSea
     except WorkError:
         return FloorView()
     grids = [back_project(depth, geometry)[::FITTED_STEP_PX, ::FITTED_STEP_PX] for depth in depths]
-    moved = [floor.world_SE3_left @ patch for patch in moved_patches(grids) or () if len(patch) >= MIN_BODY]
+    moved = [floor.world_SE3_left @ patch for patch in moved_patches(grids) if len(patch) >= MIN_PATCH]
     off = math.log(floor.height_m / CAMERA_M) / CAMERA_SPREAD
     plausible = math.log(max(floor.inlier_fraction, 1e-6)) - 0.5 * off**2
     if moved:

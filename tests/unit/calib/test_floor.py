@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 
 from calib.errors import InputError, WorkError
 from calib.floor.find import PeopleSeen, find_floor, floor_from_people, floor_from_points
-from calib.floor.plane import Moved, Plane
+from calib.floor.plane import FloorParams, Moved, Plane
 from calib.pose import SE3
 from calib.rig import Floor, world_from_plane
 from calib.types import F32, F64
@@ -66,8 +66,8 @@ class Room:
         return (self.rays * (FOCAL_PX * BASELINE_M / disparity)[:, None]).astype(np.float32)
 
 
-def found(clouds: list[F32], **seen: F64) -> Floor:
-    return find_floor(clouds, focal_px=FOCAL_PX, baseline_m=BASELINE_M, **seen)
+def found(clouds: list[F32], moved: Sequence[F64] = ()) -> Floor:
+    return find_floor(clouds, focal_px=FOCAL_PX, baseline_m=BASELINE_M, moved=moved)
 
 
 FLOOR, WALL = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
@@ -98,20 +98,80 @@ def test_wall_before_which_people_walk_is_no_floor_seen_from_above() -> None:
     floor = found(clouds)
     assert floor.height_m == pytest.approx(5.5, abs=0.2) and "a wall in front of a level camera" in floor.doubt
     with pytest.raises(WorkError, match="of what moves is higher than people above it"):
-        found(clouds, moved=PERSON)
+        found(clouds, moved=[PERSON])
+
+
+def patch(middle: Sequence[float], size_m: Sequence[float], points: int) -> F64:
+    """Points that fill a box evenly: across, along the camera's y axis, and in depth [m]."""
+    filling = np.random.default_rng(0).uniform(-0.5, 0.5, (points, 3))
+    return np.array(middle) + filling * np.array(size_m)
+
+
+def plane_at(tilt_deg: float, distance_m: float) -> Plane:
+    return Plane(-pose_of(tilt_deg, distance_m).rotation[2] / distance_m, 1.0, np.eye(3))
+
+
+WALL_AHEAD, LEVEL_FLOOR, BELOW = plane_at(0, 3.2), plane_at(90, 1.3), plane_at(0, 2.8)
+LIES = "what moves does not stand on it but lies along it"
+MAN_M, EDGE_M, BOARD_M = (0.5, 1.4, 0.3), (0.6, 0.04, 0.04), (1.6, 0.5, 0.5)
+"""A man and a monitor's upper edge before a level camera, and a board."""
+
+
+def objection(plane: Plane, *patches: F64) -> str:
+    return Moved.of(patches).objection(plane, FloorParams())
 
 
 def test_wall_along_which_people_stand_is_no_floor() -> None:
-    wall, floor = (Plane(np.array(q), 1.0, np.eye(3)) for q in ([0.0, 0.0, 1 / 3.2], [0.0, 1 / 1.3, 0.0]))
-    moved = Moved(np.empty((0, 3)), np.array([[0.0, 1.0, 0.1], [0.1, -1.0, 0.0], [0.0, 1.0, 0.0], [np.nan] * 3]))
-    assert moved.objection(wall) == "what moves does not stand on it but lies along it"
-    assert moved.objection(floor) == ""
+    people = [patch((x, 0.2, 2.2), MAN_M, 900) for x in (-1.0, 0.0, 1.0)]
+    assert objection(WALL_AHEAD, *people) == LIES
+    assert objection(LEVEL_FLOOR, *people) == ""
+
+
+def test_wall_to_and_from_which_people_walk_is_no_floor() -> None:
+    seated = [patch((0.1 * z, 0.2, z), (0.5, 0.7, 0.5), 900) for z in (1.2, 1.9, 2.6)]
+    assert objection(WALL_AHEAD, *seated) == LIES
+    assert objection(LEVEL_FLOOR, *seated) == ""
+
+
+def test_flickering_edges_do_not_outvote_a_man() -> None:
+    edges = [patch((x, 0.1, 2.2), EDGE_M[::-1], 70) for x in (-1.0, -0.4, 0.4, 1.0)]
+    assert objection(LEVEL_FLOOR, patch((0.3, 0.2, 2.6), MAN_M, 2145), *edges) == ""
+
+
+@pytest.mark.parametrize("points", [500, 2000])
+def test_a_patch_counts_by_its_points(points: int) -> None:
+    lying = [patch((0.5 * x, 0.3, 2.2), (0.4, 0.3, 1.2), 400) for x in (-1, 0, 1)]
+    man = patch((0.0, 0.3, 2.2), MAN_M, points)
+    assert objection(LEVEL_FLOOR, man, *lying) == (LIES if points < 1200 else "")
+
+
+def test_copies_of_patches_change_nothing() -> None:
+    patches = [patch((0, 0.3, 2.2), MAN_M, 900), *(patch((x, 0.3, 2.2), (0.4, 0.3, 1.2), 400) for x in (-0.5, 0.5))]
+    once, thrice = (Moved.of(patches * times).floor_to_wall(LEVEL_FLOOR, FloorParams()) for times in (1, 3))
+    assert once == pytest.approx(thrice)
+
+
+@pytest.mark.parametrize("tilt_deg", [40, 58, 70])
+def test_carried_board_does_not_speak_against_the_floor_of_a_camera_that_looks_down(tilt_deg: float) -> None:
+    boards = [patch((x, 0.0, 3.0), BOARD_M, 900) for x in (-0.5, 0.0, 0.5)]
+    assert objection(plane_at(tilt_deg, 2.6), *boards) == ""
+
+
+def test_board_carried_about_below_an_overhead_camera_does_not_speak_against_the_floor() -> None:
+    across = [patch((x, -1.0, 1.7), BOARD_M, 900) for x in (-1.0, 0.0, 1.0)]
+    along = [patch((1.0, y, 1.7), (0.5, 1.6, 0.5), 900) for y in (-0.5, 0.5)]
+    assert objection(BELOW, *across, *along) == ""
+
+
+def test_thing_carried_across_a_straight_view_leaves_a_doubt() -> None:
+    boards = [patch((x, 0.1, 1.7), BOARD_M, 900) for x in (-0.5, 0.0, 0.5)]
+    assert "a wall in front of a level camera" in found(room(pose_of(0, 2.8)).clouds(people=False), boards).doubt
 
 
 @pytest.mark.parametrize("tilt_deg", [88.5, 90, 91.5])
 def test_floor_of_a_level_camera_is_found_where_people_walk_before_the_wall(tilt_deg: float) -> None:
     clouds = room(pose_of(tilt_deg, 1.3), (FLOOR, 0.0), (WALL, 6.0)).clouds(6, people=False)
-    floor = found(clouds, moved=PERSON)
+    floor = found(clouds, moved=[PERSON])
     assert floor.height_m == pytest.approx(1.3, abs=0.03) and floor.inlier_fraction < 0.35
     assert math.degrees(floor.tilt_rad) == pytest.approx(tilt_deg, abs=0.3) and not floor.doubt
     alone = found(clouds)
@@ -260,6 +320,6 @@ def test_floor_of_a_camera_that_looks_up_is_found_below_a_larger_ceiling(tilt_de
     shown = room(pose_of(tilt_deg, 1.0), (FLOOR, 0.0), (FLOOR, 2.6), (WALL, 7.0))
     z = (shown.world[:, 2] * shown.depth)[np.isfinite(shown.depth)]
     assert 0.08 < float(np.mean(z < -0.99)) < 0.17 < 0.28 < float(np.mean(z > 1.59))
-    floor = found(shown.clouds(6, people=False), moved=PERSON)
+    floor = found(shown.clouds(6, people=False), moved=[PERSON])
     assert floor.height_m == pytest.approx(1.0, abs=0.03)
     assert math.degrees(floor.tilt_rad) == pytest.approx(tilt_deg, abs=0.5)
