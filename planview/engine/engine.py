@@ -21,7 +21,7 @@ from planview.engine.info import CameraInfo, FloorInfo, camera_info, floor_info
 from planview.maps.grid import FloorRig
 from planview.maps.plan_view import joint_grid, plan_view
 from planview.maps.view import View
-from planview.tracking.base import Decision, ImageTracker, Observation, Tracker, followed
+from planview.tracking.base import Decision, ImageTracker, Observation, Tracker, track_frame
 from planview.trajectories.state import TrackState
 from stereo.depth import Depth, point_cloud
 from stereo.recording import Frame, OpenOptions, Skipped, prefetch
@@ -208,7 +208,7 @@ class Engine:
         clock.start()
         views = tuple(head.look(each, frame, clock) for head, each in zip(self.heads, measured, strict=True))
         observation = self._observation(frame, views)
-        people = followed(self.tracker, observation)
+        people = track_frame(self.tracker, observation)
         for head, view in zip(self.heads, views, strict=True):
             head.protect(people, view, self.tracker.decisions)
         clock.record("track")

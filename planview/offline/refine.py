@@ -58,10 +58,10 @@ def smoothed(times_s: F64, xy_m: F64, measured: Bool) -> tuple[F64, F64]:
     state = FloorKalman.at(float(xy_m[0, 0]), float(xy_m[0, 1]), POSITION_STD_M)
     filtered, predicted = [state], [state]  # after, and before, the measurement of every row
     for k in range(1, len(times_s)):
-        state = state.predicted(float(times_s[k] - times_s[k - 1]), body.ACCELERATION_MPS2)
+        state = state.predict(float(times_s[k] - times_s[k - 1]), body.ACCELERATION_MPS2)
         predicted.append(state)
         if measured[k]:
-            state = state.updated(float(xy_m[k, 0]), float(xy_m[k, 1]), POSITION_STD_M)
+            state = state.update(float(xy_m[k, 0]), float(xy_m[k, 1]), POSITION_STD_M)
         filtered.append(state)
     states = np.array([s.mean for s in filtered])
     for k in range(len(filtered) - 2, -1, -1):
@@ -147,16 +147,16 @@ def _log_odds(a: Trajectories, b: Trajectories) -> float:
     end, start = int(np.flatnonzero(a.state == "confirmed")[-1]), int(np.flatnonzero(_measured(b))[0])
     gone_s = float(b.timestamp_s[start] - a.timestamp_s[end])
     away_m = math.hypot(b.x_m[start] - a.x_m[end], b.y_m[start] - a.y_m[end])
-    if b.frame[0] <= a.frame[end] or not body.within_reach(gone_s, away_m):
+    if b.frame[0] <= a.frame[end] or not body.is_within_reach(gone_s, away_m):
         return -1.0
-    ahead_m = body.walks_on_s(gone_s) * np.nan_to_num(a.velocity_mps[end])
+    ahead_m = body.walking_on_s(gone_s) * np.nan_to_num(a.velocity_mps[end])
     away_m = math.hypot(b.x_m[start] - a.x_m[end] - ahead_m[0], b.y_m[start] - a.y_m[end] - ahead_m[1])
-    place = body.same_place(gone_s, away_m, math.inf, JOINT.floor_m2)  # without clothes a door is anybody's
+    place = body.log_odds_same_place(gone_s, away_m, math.inf, JOINT.floor_m2)  # without clothes a door is anybody's
     heights = [table.height_m[(table.state == "confirmed") & np.isfinite(table.height_m)] for table in (a, b)]
     if not len(heights[0]) or not len(heights[1]):
         return place
     tall_m, height_m = (float(np.median(own)) for own in heights)
-    return place + body.same_height(height_m, 0.0, tall_m, math.sqrt(2) * MEDIAN_HEIGHT_STD_M, JOINT.low_share)
+    return place + body.log_odds_same_height(height_m, 0.0, tall_m, math.sqrt(2) * MEDIAN_HEIGHT_STD_M, JOINT.low_share)
 
 
 def _measured(own: Trajectories) -> Bool:

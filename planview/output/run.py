@@ -39,6 +39,7 @@ from planview.output.folder import (
     write_run_info,
 )
 from planview.output.tables import RunTables
+from planview.tracking.base import notes_of
 from planview.trajectories.clock import Span
 from planview.trajectories.table import is_person
 from stereo.recording import Skipped
@@ -344,7 +345,7 @@ class _Run:
             "state": state, "finished": state == "finished", "elapsed_s": self._elapsed_s(),
             "frames_read": totals.frames, "frames_skipped": len(skipped), "skipped": shown,
             "start_s": span.start_s if totals.frames else None, "end_s": span.end_s if totals.frames else None,
-            "notes": [*self._info.notes, *getattr(self._engine.tracker, "notes", ())],
+            "notes": [*self._info.notes, *notes_of(self._engine.tracker)],
             "stages_ms": {stage: float(np.median(list(times))) for stage, times in totals.stages.items()},
             "people": people, "remark": totals.remark(people), "warnings": self._checks.warnings(),
             "counts": counts.to_json() if counts is not None else {},

@@ -1,4 +1,4 @@
-"""What every tracker takes and gives, and how its people come and go.
+"""Input and output of every tracker, and how its people come and go.
 
 A track is spawned tentative, confirmed on evidence, lost while nothing matches it, reacquired when something does, and
 pruned (Harville 2002, section 4; Zhang et al. 2008, section 4; del-Blanco et al. 2012, section V). What counts as
@@ -11,15 +11,16 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 from numbers import Integral, Real
-from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Literal, NamedTuple, NoReturn, Protocol, runtime_checkable
 
 import numpy as np
 
 from calib.carried import Carried
 from calib.errors import InputError
 from calib.floor_camera import FloorCamera
-from calib.types import F32, U8
+from calib.types import F32, F64, U8, Bool
 from planview.trajectories.state import State, TrackState
 from planview.trajectories.table import KEY_MAX, LAST_COLUMNS, STATES
 
@@ -34,7 +35,7 @@ DecisionKind = Literal[
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What the cameras show in one frame.
+    """One frame as a tracker takes it.
 
     Attributes:
         frame: index in the recording, from 0.
@@ -52,7 +53,7 @@ class Observation:
 
     @property
     def unknown(self) -> bool:
-        """Nothing that is known shows in any camera: no evidence for or against anybody."""
+        """True if no camera shows anything: no evidence for or against anybody."""
         return bool(self.views) and not any(view.shows for view in self.views)
 
     @cached_property
@@ -63,6 +64,8 @@ class Observation:
 
 BODY_RADIUS_M = 0.25
 """Half width of the upright prism around a standing person [m]: shoulders 0.45 m wide, and a swinging arm."""
+PRISM_CORNERS = np.array(list(product((-BODY_RADIUS_M, BODY_RADIUS_M), (-BODY_RADIUS_M, BODY_RADIUS_M), (0.0, 1.0))))
+"""(8, 3) corners of a prism about its axis [m], heights relative to the person's."""
 Box = tuple[float, float, float, float]
 NO_BOX: Box = (math.nan, math.nan, math.nan, math.nan)
 
@@ -78,21 +81,33 @@ def person_boxes(camera: FloorCamera | None, people: Sequence[tuple[float, float
     """
     if camera is None or not people:
         return [NO_BOX] * len(people)
-    at, r, projection = np.array(people).reshape(-1, 1, 3), BODY_RADIUS_M, camera.projection
-    corners = np.array([(x, y, z) for x in (-r, r) for y in (-r, r) for z in (0.0, 1.0)])
-    xyz = np.concatenate([at[..., :2] + corners[:, :2], at[..., 2:] * corners[:, 2:]], axis=-1)
-    u, v, depth = np.moveaxis(xyz @ projection[:, :3].T + projection[:, 3], -1, 0)
+    projection = camera.projection
+    at = np.array(people).reshape(-1, 1, 3)
+    xy = at[..., :2] + PRISM_CORNERS[:, :2]
+    z = at[..., 2:] * PRISM_CORNERS[:, 2:]
+    corners = np.concatenate([xy, z], axis=-1)
+    u, v, depth = np.moveaxis(corners @ projection[:, :3].T + projection[:, 3], -1, 0)
     # Corners of a body nearer to the camera's plane than this are left out [m].
-    front, (width, height) = depth > 0.1, camera.size
+    front = depth > 0.1
+    width, height = camera.size
     with np.errstate(divide="ignore", invalid="ignore"):
-        (left, top), (right, bottom) = (
-            [least(np.where(front, part / depth, sign * np.inf), axis=1) for part in (u, v)]
-            for least, sign in ((np.min, 1), (np.max, -1))
-        )
-    left, top = np.maximum(left, -0.5), np.maximum(top, -0.5)
-    sides = np.minimum(right, width - 0.5) - left, np.minimum(bottom, height - 0.5) - top
-    found = zip(*(part.tolist() for part in (left, top, *sides)), strict=True)
-    return [(x, y, w, h) if w > 0 and h > 0 else NO_BOX for x, y, w, h in found]
+        left, right = _span(u / depth, front)
+        top, bottom = _span(v / depth, front)
+    left = np.maximum(left, -0.5)
+    top = np.maximum(top, -0.5)
+    right = np.minimum(right, width - 0.5)
+    bottom = np.minimum(bottom, height - 0.5)
+    boxes: list[Box] = []
+    for x, y, w, h in np.column_stack([left, top, right - left, bottom - top]).tolist():
+        boxes.append((x, y, w, h) if w > 0 and h > 0 else NO_BOX)
+    return boxes
+
+
+def _span(pixels: F64, front: Bool) -> tuple[F64, F64]:
+    """(N,) least and largest of (N, K) pixels that are in front of the camera."""
+    least = np.where(front, pixels, np.inf).min(axis=1)
+    largest = np.where(front, pixels, -np.inf).max(axis=1)
+    return least, largest
 
 
 class ScoreTerms(NamedTuple):
@@ -109,7 +124,7 @@ NO_TERMS = ScoreTerms()
 
 @dataclass(frozen=True)
 class Decision:
-    """Why a tracker did something: goes to the rerun log and to ``--debug`` output.
+    """A decision of a tracker and its reason, for decisions.csv and the rerun log.
 
     Attributes:
         track_id: of the person it concerns.
@@ -130,7 +145,7 @@ class Decision:
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """Shapes a tracker wants shown, on the floor [m] or in the image [px].
+    """Shapes that explain a tracker, on the floor [m] or in the image [px].
 
     Attributes:
         name: layer, e.g. "search" or "particles".
@@ -147,7 +162,7 @@ class Drawing:
 
 @dataclass(frozen=True, eq=False)
 class TrackerDebug:
-    """What the last update looked at; built on request only, since it costs time.
+    """Shapes and images that explain the last update; built on request only, since it costs time.
 
     Attributes:
         drawings: shapes for the floor and image views.
@@ -159,7 +174,7 @@ class TrackerDebug:
 
 
 Needs = Literal["points", "maps", "image"]
-"""What a tracker looks at: the pixels and points of views, the maps made of them, or the image of one camera."""
+"""Input of a tracker: the pixels and points of views, the maps made of them, or the image of one camera."""
 
 
 class Tracker(Protocol):
@@ -192,33 +207,60 @@ class ImageTracker(Tracker, Protocol):
         """Columns of foreground and motion that are enough; None: those of the image."""
 
     def feedback(self) -> U8 | None:
-        """What the tracker knows about pixels, for ``Foreground``; None when it gives no feedback."""
+        """Labels of pixels for ``Foreground``; None when the tracker gives no feedback."""
 
     def study(self, observations: Iterable[Observation]) -> None:
         """Learn from the beginning of a recording before its first frame is tracked, as far as that is of use; what is
         learned is kept by ``reset``."""
 
 
-def followed(tracker: Tracker, observation: Observation) -> tuple[TrackState, ...]:
-    """What a tracker makes of the next frame. Raises InputError: one's own tracker returns anything but TrackStates."""
+@runtime_checkable
+class Annotated(Protocol):
+    """A tracker with remarks on a run."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences for run.json."""
+
+
+def notes_of(tracker: Tracker) -> tuple[str, ...]:
+    """Remarks of a tracker on its run; one's own tracker need not have any."""
+    return tracker.notes if isinstance(tracker, Annotated) else ()
+
+
+def track_frame(tracker: Tracker, observation: Observation) -> tuple[TrackState, ...]:
+    """Track the next frame. Raises InputError: one's own tracker returns anything but TrackStates."""
     people: object = tracker.update(observation)
-    expected = f"expected a sequence of TrackState from {type(tracker).__name__}.update"
-    if not isinstance(people, Sequence) or not all(isinstance(person, TrackState) for person in people):
-        found = type(people).__name__ if not isinstance(people, Sequence) else "a sequence of something else"
-        raise InputError(f"{expected}, found {found}", argument="tracker")
+    name = type(tracker).__name__
+    if not isinstance(people, Sequence):
+        _refuse(f"a sequence of TrackState from {name}.update", type(people).__name__)
+    if not all(isinstance(person, TrackState) for person in people):
+        _refuse(f"a sequence of TrackState from {name}.update", "a sequence of something else")
     if not all(isinstance(decision, Decision) for decision in tracker.decisions):
-        expected = f"expected Decisions in {type(tracker).__name__}.decisions"
-        raise InputError(f"{expected}, found something else", argument="tracker")
+        _refuse(f"Decisions in {name}.decisions", "something else")
     if not type(tracker).__module__.startswith("planview."):  # one's own may return what no table holds, and no boxes
-        if unfit := _unfit(people):
-            raise InputError(f"{expected} for tracks.csv, found {unfit}", argument="tracker")
-        boxes = person_boxes(observation.camera, [(person.x_m, person.y_m, person.height_m) for person in people])
-        known = zip(people, boxes, strict=True)
-        people = [replace(p, box_px=box) if math.isnan(p.box_px[0]) else p for p, box in known]
+        unfit = _unfit_for_table(people)
+        if unfit:
+            _refuse(f"people from {name}.update for tracks.csv", unfit)
+        people = _add_boxes(people, observation.camera)
     return tuple(people)
 
 
-def _unfit(people: Sequence[TrackState]) -> str:
+def _refuse(expected: str, found: str) -> NoReturn:
+    raise InputError(f"expected {expected}, found {found}", argument="tracker")
+
+
+def _add_boxes(people: Sequence[TrackState], camera: FloorCamera | None) -> list[TrackState]:
+    """People with boxes where they have none."""
+    boxes = person_boxes(camera, [(person.x_m, person.y_m, person.height_m) for person in people])
+    boxed = []
+    for person, box in zip(people, boxes, strict=True):
+        has_box = not math.isnan(person.box_px[0])
+        boxed.append(person if has_box else replace(person, box_px=box))
+    return boxed
+
+
+def _unfit_for_table(people: Sequence[TrackState]) -> str:
     """What tracks.csv cannot hold of one frame's people; empty where it can hold all."""
     ids = [person.track_id for person in people]
     for person in people:
@@ -232,31 +274,36 @@ def _unfit(people: Sequence[TrackState]) -> str:
         if not isinstance(box, Sequence | np.ndarray) or len(box) != 4 or not all(isinstance(n, Real) for n in box):
             return f"the box {box!r}"
         for name in ("x_m", "y_m", "vx_mps", "vy_mps", "height_m", *LAST_COLUMNS):
-            if not isinstance(value := getattr(person, name), Real):
+            value = getattr(person, name)
+            if not isinstance(value, Real):
                 return f"the {name} {value!r}"
     return ""
 
 
 def refuse_tracker(tracker: object, names: Sequence[str]) -> None:
     """Raises InputError for a name that is none of ``names``, and for an object that lacks a part of ``Tracker``."""
-    if isinstance(tracker, str) and tracker not in names:
-        raise InputError(f"expected one of {', '.join(names)}, found {tracker!r}", argument="tracker")
+    if isinstance(tracker, str):
+        if tracker not in names:
+            _refuse(f"one of {', '.join(names)}", repr(tracker))
+        return
     parts = "update", "decisions", "debug", "reset", "needs"
-    missing = [part for part in parts if not isinstance(tracker, str) and not hasattr(tracker, part)]
-    if missing or isinstance(tracker, type):
-        found = f"{type(tracker).__name__} without {', '.join(missing)}" if missing else "a class in its place"
-        raise InputError(f"expected an object with {', '.join(parts)}, found {found}", argument="tracker")
+    expected = f"an object with {', '.join(parts)}"
+    missing = [part for part in parts if not hasattr(tracker, part)]
+    if missing:
+        _refuse(expected, f"{type(tracker).__name__} without {', '.join(missing)}")
+    if isinstance(tracker, type):
+        _refuse(expected, "a class in its place")
 
 
 class Living(Protocol):
-    """Anybody whose life a ``LifeCycle`` records: a number, negative until they are confirmed, and whether they are."""
+    """What ``LifeCycle`` needs of a track: a number, negative until it is confirmed, and whether it is."""
 
     track_id: int
     confirmed: bool
 
 
 def state_of(confirmed: bool, observed: bool) -> State:
-    """As reported in ``tracks.csv``."""
+    """State of a track as in ``tracks.csv``."""
     if not confirmed:
         return "tentative"
     return "confirmed" if observed else "lost"
@@ -287,14 +334,14 @@ class Existence:
 
     @property
     def state(self) -> State:
-        """As reported in ``tracks.csv``."""
+        """State as in ``tracks.csv``."""
         return state_of(self.confirmed, self.observed)
 
 
 class LifeCycle(Carried):
     """Gives ids, and writes down every change of state with its reason.
 
-    People appear, are confirmed or recognised, and end; whoever is an ``Existence`` is also observed or missed.
+    Tracks appear, are confirmed or recognised, and end; an ``Existence`` is also observed or missed.
 
     Attributes:
         now_s: time of the current frame [s].
@@ -307,17 +354,20 @@ class LifeCycle(Carried):
 
     def reset(self) -> None:
         """Forget all decisions; ids start again."""
-        self._tentative = self._confirmed = 0
+        self._tentative = 0
+        self._confirmed = 0
         self._log: list[Decision] = []
         self.now_s = math.nan
 
     def begin(self, now_s: float) -> float:
-        """Start a frame without decisions; the time since the last one [s]. Raises ValueError: no time after that."""
+        """Start a frame without decisions; return the time since the last one [s]. Raises ValueError: no time after
+        that."""
         if not math.isfinite(now_s) or now_s <= self.now_s:
             raise ValueError(f"expected time to advance, got {now_s} s after {self.now_s} s")
-        dt = 0.0 if math.isnan(self.now_s) else now_s - self.now_s
-        self.now_s, self._log = now_s, []
-        return dt
+        dt_s = 0.0 if math.isnan(self.now_s) else now_s - self.now_s
+        self.now_s = now_s
+        self._log = []
+        return dt_s
 
     @property
     def decisions(self) -> tuple[Decision, ...]:
@@ -325,63 +375,75 @@ class LifeCycle(Carried):
         return tuple(self._log)
 
     def note(
-        self, who: Living, kind: DecisionKind, reason: str, value: float = math.nan, terms: ScoreTerms = NO_TERMS,
+        self,
+        track: Living,
+        kind: DecisionKind,
+        reason: str,
+        value: float = math.nan,
+        terms: ScoreTerms = NO_TERMS,
         was: int = 0,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Write down a decision; ``was`` is the negative number that the track had until now."""
-        self._log.append(Decision(who.track_id, kind, f"was {was}; {reason}" if was else reason, value, terms, was))
+        reason = f"was {was}; {reason}" if was else reason
+        self._log.append(Decision(track.track_id, kind, reason, value, terms, was))
 
-    def appear(self, who: Living, reason: str, value: float = math.nan, kind: DecisionKind = "spawned") -> None:
-        """Somebody may be there: -1, -2, ... until confirmed or recognised."""
+    def appear(self, track: Living, reason: str, value: float = math.nan, kind: DecisionKind = "spawned") -> None:
+        """Number somebody who may be there: -1, -2, ... until confirmed or recognised."""
         self._tentative -= 1
-        who.track_id = self._tentative
-        self.note(who, kind, reason, value)
+        track.track_id = self._tentative
+        self.note(track, kind, reason, value)
 
     def spawn(self, reason: str, value: float = math.nan) -> Existence:
-        """A new tentative track, observed now."""
-        who = Existence(0, self.now_s, self.now_s)
-        self.appear(who, reason, value)
-        return who
+        """Begin a tentative track, observed now."""
+        track = Existence(0, self.now_s, self.now_s)
+        self.appear(track, reason, value)
+        return track
 
-    def confirm(self, who: Living, reason: str, value: float = math.nan) -> None:
-        """A tentative track is a person: 1, 2, ..."""
-        if not who.confirmed:
-            self._confirmed += 1
-            was, who.track_id, who.confirmed = who.track_id, self._confirmed, True
-            self.note(who, "confirmed", reason, value, was=was)
+    def confirm(self, track: Living, reason: str, value: float = math.nan) -> None:
+        """Number a tentative track that is a person: 1, 2, ..."""
+        if track.confirmed:
+            return
+        was = track.track_id
+        self._confirmed += 1
+        track.track_id = self._confirmed
+        track.confirmed = True
+        self.note(track, "confirmed", reason, value, was=was)
 
-    def recognise(self, who: Living, was: int, reason: str, value: float = math.nan) -> None:
-        """A tentative track, which ``was`` a negative number, now has the id of a person known before."""
-        who.confirmed = True
-        self.note(who, "reacquired", reason, value, was=was)
+    def recognise(self, track: Living, was: int, reason: str, value: float = math.nan) -> None:
+        """Confirm a tentative track, which ``was`` a negative number, and now has the id of a person seen before."""
+        track.confirmed = True
+        self.note(track, "reacquired", reason, value, was=was)
 
-    def observe(self, who: Existence, reason: str = "", value: float = math.nan, terms: ScoreTerms = NO_TERMS) -> None:
-        """The track is observed in this frame; a lost one is reacquired, for the reason given."""
-        if who.lost:
-            self.note(who, "reacquired", reason, value, terms)
+    def observe(
+        self, track: Existence, reason: str = "", value: float = math.nan, terms: ScoreTerms = NO_TERMS
+    ) -> None:
+        """Observe a track in this frame; a lost one is reacquired, for the reason given."""
+        if track.lost:
+            self.note(track, "reacquired", reason, value, terms)
         elif reason:
-            self.note(who, "matched", reason, value, terms)
-        who.observed, who.observed_s = True, self.now_s
+            self.note(track, "matched", reason, value, terms)
+        track.observed = True
+        track.observed_s = self.now_s
 
-    def miss(self, who: Existence, reason: str, value: float = math.nan, terms: ScoreTerms = NO_TERMS) -> None:
-        """The track is not observed in this frame; a confirmed one is lost from now on."""
-        if who.confirmed and who.observed:
-            self.note(who, "lost", reason, value, terms)
-        who.observed = False
+    def miss(self, track: Existence, reason: str, value: float = math.nan, terms: ScoreTerms = NO_TERMS) -> None:
+        """Miss a track in this frame; a confirmed one is lost from now on."""
+        if track.confirmed and track.observed:
+            self.note(track, "lost", reason, value, terms)
+        track.observed = False
 
-    def pause(self, who: Existence, dt_s: float) -> None:
-        """The frame, ``dt_s`` after the last one, shows nothing: nobody has been looked for."""
-        self.miss(who, "the frame shows nothing")
-        who.observed_s += dt_s
+    def pause(self, track: Existence, dt_s: float) -> None:
+        """Pass a frame, ``dt_s`` after the last one, that shows nothing: nobody has been looked for."""
+        self.miss(track, "the frame shows nothing")
+        track.observed_s += dt_s
 
-    def prune(self, who: Living, reason: str, value: float = math.nan) -> None:
-        """The track ends; the tracker forgets it."""
-        self.note(who, "pruned", reason, value)
+    def prune(self, track: Living, reason: str, value: float = math.nan) -> None:
+        """End a track; the tracker forgets it."""
+        self.note(track, "pruned", reason, value)
 
-    def unobserved_s(self, who: Existence) -> float:
+    def unobserved_s(self, track: Existence) -> float:
         """Time since the last observation [s]."""
-        return self.now_s - who.observed_s
+        return self.now_s - track.observed_s
 
-    def age_s(self, who: Existence) -> float:
+    def age_s(self, track: Existence) -> float:
         """Time since the track was spawned [s]."""
-        return self.now_s - who.spawned_s
+        return self.now_s - track.spawned_s

@@ -13,8 +13,10 @@ import numpy as np
 from calib.people.model import ADULT_HEIGHT_M, ADULT_HEIGHT_STD_M, HumanModel
 from calib.types import F32, F64
 
-HEIGHT_MEAN_M, HEIGHT_STD_M = ADULT_HEIGHT_M, ADULT_HEIGHT_STD_M
-HEIGHT_MIN_M, HEIGHT_MAX_M = 0.80, 2.10
+HEIGHT_MEAN_M = ADULT_HEIGHT_M
+HEIGHT_STD_M = ADULT_HEIGHT_STD_M
+HEIGHT_MIN_M = 0.80
+HEIGHT_MAX_M = 2.10
 """Heights of a head [m], from somebody who sits on the floor to a very tall man who walks."""
 THING_SHARE = 0.1
 """Share of what comes into view that is moved furniture and carried things, of any height up to a person's."""
@@ -22,10 +24,12 @@ THING_RADII = (0.12, 0.2, 0.34)
 """Radii of things over their heights, from a pillar to a crate."""
 SPEED_MAX_MPS = 2.5
 """Fastest walk [m/s]: men change to running at 2.0 to 2.5 m/s (Hreljac 1993)."""
-SEEN_STD_M, WANDER_MPS = 0.1, 0.9
+SEEN_STD_M = 0.1
+WANDER_MPS = 0.9
 """Deviation of a place when somebody is last seen, or seen again [m], and of the mean speed out of sight once a walker
 no longer walks on [m/s]. Our choice: the prediction errs by about 0.1 m after 0.3 s and by half a metre after 1 s."""
-COMES_BACK, DOOR_STD_M = 0.3, 0.3
+COMES_BACK = 0.3
+DOOR_STD_M = 0.3
 """Share of those who return by the door by which they left, and deviation of their place there, half a door [m]."""
 ACCELERATION_MPS2 = 2.0
 """Deviation of a walker's acceleration [m/s^2]: walkers stop and turn within a second."""
@@ -47,9 +51,11 @@ TORSO = HumanModel()
 """Zhang et al. 2008, table 1."""
 CHEST_DEPTH = 0.65
 """A chest's depth over the breadth of torso and arms: 0.24 m over 0.42 m (NASA-STD-3000, median man)."""
-HEAD_M, HEAD_DEPTH = 0.08, 1.25
+HEAD_M = 0.08
+HEAD_DEPTH = 1.25
 """Half breadth of a head [m], and its length over its breadth: 15 and 19 cm (NASA-STD-3000, median man), and hair."""
-CHEST_FROM, NECK_FROM = 0.70, 0.82
+CHEST_FROM = 0.70
+NECK_FROM = 0.82
 """Relative heights from which on a body leans with its shoulders, and with its head."""
 Profile = tuple[tuple[float, float, float, float], ...]
 TRUNK: Profile = (
@@ -73,47 +79,56 @@ APART_M = 2.0 * TORSO.torso_radius_m
 """Axes of two bodies side by side [m]."""
 
 
-def stature(height_m: float, tall_m: float, std_m: float, low_share: float) -> float:
+def height_density(height_m: float, stature_m: float, std_m: float, low_share: float) -> float:
     """Density [1/m] of a person's height now: upright, or as likely anything lower."""
-    off = (height_m - tall_m) / std_m
-    return (1 - low_share) * math.exp(-0.5 * off * off) / (math.sqrt(2 * math.pi) * std_m) + low_share / tall_m
+    off = (height_m - stature_m) / std_m
+    upright = (1 - low_share) * math.exp(-0.5 * off * off) / (math.sqrt(2 * math.pi) * std_m)
+    return upright + low_share / stature_m
 
 
-def within_reach(gone_s: float, away_m: float) -> bool:
-    """Whether a walker unseen for a time can be this far from where it was seen last."""
+def is_within_reach(gone_s: float, away_m: float) -> bool:
+    """True if a walker unseen for a time can be this far from where it was seen last."""
     return gone_s > 0 and away_m <= TORSO.torso_radius_m + SPEED_MAX_MPS * gone_s
 
 
-def walks_on_s(gone_s: float) -> float:
-    """For how long, at the speed when last seen, somebody unseen for a time has walked on [s]."""
+def walking_on_s(gone_s: float) -> float:
+    """Time for which somebody unseen for ``gone_s`` has walked on at the speed when last seen [s]."""
     return SLOW_DOWN_S * (1.0 - math.exp(-max(gone_s, 0.0) / SLOW_DOWN_S))
 
 
-def same_place(gone_s: float, away_m: float, back_m: float, floor_m2: float) -> float:
-    """Log-odds that whoever appears this far from where a walker has walked on to (``walks_on_s``), and this far from
-    where it was seen last, is that walker, rather than a stranger somewhere on a floor of this size."""
-    spread_m = min(SEEN_STD_M + WANDER_MPS * (gone_s - walks_on_s(gone_s)), math.sqrt(floor_m2) / 2)
-    ways = (1.0 - COMES_BACK, away_m, spread_m), (COMES_BACK, back_m, DOOR_STD_M)
-    density = sum(share / std_m**2 * math.exp(-0.5 * (off_m / std_m) ** 2) for share, off_m, std_m in ways)
-    return math.log(max(floor_m2 * density / (2 * math.pi), 1e-9))
+def log_odds_same_place(gone_s: float, away_m: float, back_m: float, floor_m2: float) -> float:
+    """Log-odds that whoever appears is a walker who was lost, rather than a stranger somewhere on the floor.
+
+    Args:
+        gone_s: time since the walker was seen last.
+        away_m: distance from where the walker has walked on to (``walking_on_s``).
+        back_m: distance from where the walker was seen last.
+        floor_m2: size of the floor.
+    """
+    spread_m = min(SEEN_STD_M + WANDER_MPS * (gone_s - walking_on_s(gone_s)), math.sqrt(floor_m2) / 2)
+    ahead = (1.0 - COMES_BACK) / spread_m**2 * math.exp(-0.5 * (away_m / spread_m) ** 2)
+    back = COMES_BACK / DOOR_STD_M**2 * math.exp(-0.5 * (back_m / DOOR_STD_M) ** 2)
+    return math.log(max(floor_m2 * (ahead + back) / (2 * math.pi), 1e-9))
 
 
-def same_height(height_m: float, std_m: float, tall_m: float, tall_std_m: float, low_share: float) -> float:
-    """Log-odds that a height, measured with a deviation, is that of a known person rather than of a stranger or a
-    thing."""
-    mine = stature(height_m, tall_m, math.hypot(tall_std_m, std_m), low_share)
-    stranger = stature(height_m, HEIGHT_MEAN_M, math.hypot(HEIGHT_STD_M, std_m), low_share)
-    return math.log(mine / ((1 - THING_SHARE) * stranger + THING_SHARE / HEIGHT_MEAN_M))
+def log_odds_same_height(
+    height_m: float, std_m: float, stature_m: float, stature_std_m: float, low_share: float
+) -> float:
+    """Log-odds that a height, measured with a deviation, is that of a person of a stature rather than of a stranger or
+    a thing."""
+    same = height_density(height_m, stature_m, math.hypot(stature_std_m, std_m), low_share)
+    stranger = height_density(height_m, HEIGHT_MEAN_M, math.hypot(HEIGHT_STD_M, std_m), low_share)
+    return math.log(same / ((1 - THING_SHARE) * stranger + THING_SHARE / HEIGHT_MEAN_M))
 
 
-class Part(NamedTuple):
+class BodyPart(NamedTuple):
     """Cylinders of a body that are drawn together.
 
     Attributes:
         profile: of each, from and to [of the height], half breadth [m], depth over breadth.
+        blur_m: deviation of its outline.
         covers: how often the part is there. Parts that always are have outlines before each other, as a head before
             shoulders, across which their surfaces do not mix.
-        blur_m: deviation of its outline.
     """
 
     profile: Profile
@@ -143,125 +158,136 @@ class BodyTable(NamedTuple):
     w_min_m: float
 
 
-ANGLE_MIN_DEG, ANGLE_STEP_DEG, ANGLES = -30.0, 5.0, 25
-FACINGS, FACINGS_PER_RAD = 16, 16 / (2.0 * math.pi)
+ANGLE_MIN_DEG = -30.0
+ANGLE_STEP_DEG = 5.0
+ANGLES = 25
+FACINGS = 16
 """Directions of facing in a table, 22.5 degrees apart."""
+FACINGS_PER_RAD = FACINGS / (2.0 * math.pi)
 TABLE_CELL_M = 0.025
 """Side of a cell of a table, across and up [m]."""
 BLUR_M = 0.04
 """Deviation of a body's outline from the cylinders: clothes, arms and posture [m] (Harville 2002: 1 to 4 cm)."""
 SURFACE_STD_M = 0.10
 """Deviation of a body's surface from its table [m]."""
-U_CELLS, W_CELLS = 32, 88
+U_CELLS = 32
+W_CELLS = 88
 
 
 @lru_cache(maxsize=1)
 def body_table() -> BodyTable:
-    """Of a person: trunk and head, with arms and strides."""
-    parts = Part(TRUNK, BLUR_M), Part(HEAD, BLUR_M), Part(LIMBS, BLUR_M, LIMBS_SHARE)
-    # Seen from its right a body is the mirror image of itself seen from its left.
-    half = [table_of(parts, facing, lean) for lean in (0.0, LEAN_M) for facing in range(FACINGS // 2 + 1)]
-    ways = [(lean * len(half) // 2, way) for lean in range(2) for way in range(FACINGS)]
-
-    def posture(tables: Sequence[F32], first: int, way: int) -> F32:
-        return tables[first + way] if way <= FACINGS // 2 else tables[first + FACINGS - way][:, ::-1]
-
-    cover, front = ([t.cover[0] for t in half], [t.front[0] for t in half])
-    return half[0]._replace(
-        cover=np.stack([posture(cover, *way) for way in ways]), front=np.stack([posture(front, *way) for way in ways])
-    )
+    """Table of a person: trunk and head, with arms and strides."""
+    parts = BodyPart(TRUNK, BLUR_M), BodyPart(HEAD, BLUR_M), BodyPart(LIMBS, BLUR_M, LIMBS_SHARE)
+    cover: list[F32] = []
+    front: list[F32] = []
+    for lean_m in (0.0, LEAN_M):
+        half = []
+        for facing in range(FACINGS // 2 + 1):
+            half.append(build_table(parts, 2 * math.pi * facing / FACINGS, lean_m))
+        for facing in range(FACINGS):
+            # Seen from its right a body is the mirror image of itself seen from its left.
+            mirror = slice(None, None, 1 if facing <= FACINGS // 2 else -1)
+            table = half[min(facing, FACINGS - facing)]
+            cover.append(table.cover[0, :, mirror])
+            front.append(table.front[0, :, mirror])
+    return half[0]._replace(cover=np.stack(cover), front=np.stack(front))
 
 
 @lru_cache(maxsize=1)
 def thing_tables() -> tuple[BodyTable, ...]:
-    """Of things: upright cylinders with a flat top, scaled as bodies are."""
-    radii_m = (slimness * TORSO.height_m for slimness in THING_RADII)
-    return tuple(table_of((Part(((0.0, 1.0, r, 1.0),), BLUR_M),), u_cells=2 * U_CELLS) for r in radii_m)
+    """Tables of things: upright cylinders with a flat top, scaled as bodies are."""
+    tables = []
+    for slimness in THING_RADII:
+        cylinder = (0.0, 1.0, slimness * TORSO.height_m, 1.0)
+        tables.append(build_table((BodyPart((cylinder,), BLUR_M),), u_cells=2 * U_CELLS))
+    return tuple(tables)
 
 
-def table_of(
-    parts: Sequence[Part], facing: int | None = None, lean_m: float = 0.0, u_cells: int = U_CELLS
+def build_table(
+    parts: Sequence[BodyPart], turn_rad: float | None = None, lean_m: float = 0.0, u_cells: int = U_CELLS
 ) -> BodyTable:
-    """The table of one posture: of the parts on a ray, the likeliest one.
-
-    Args:
-        facing: relative to the ray, of FACINGS; None for the mean over all of them.
-    """
+    """Table of one posture: of the parts on a ray, the likeliest one; see ``enter_cylinders``."""
     u, w = ((np.arange(cells) + 0.5 - cells / 2) * TABLE_CELL_M for cells in (u_cells, W_CELLS))
     across, up = np.meshgrid(u, w, indexing="ij", sparse=True)
     angles = np.deg2rad(ANGLE_MIN_DEG + ANGLE_STEP_DEG * np.arange(ANGLES))
-    turn = None if facing is None else 2 * math.pi * facing / FACINGS
     cover = np.empty((1, ANGLES, u_cells, W_CELLS), np.float32)
     front = np.empty_like(cover)
     for a, depression in enumerate(angles.tolist()):
-        cover[0, a], front[0, a] = _seen(parts, depression, across, up, (turn, lean_m))
-    return BodyTable(
-        cover, front, float(angles[0]), float(np.deg2rad(ANGLE_STEP_DEG)), TABLE_CELL_M, -W_CELLS * TABLE_CELL_M / 2
-    )
+        cover[0, a], front[0, a] = _render_parts(parts, depression, across, up, turn_rad, lean_m)
+    lowest_m = -W_CELLS * TABLE_CELL_M / 2
+    return BodyTable(cover, front, float(angles[0]), float(np.deg2rad(ANGLE_STEP_DEG)), TABLE_CELL_M, lowest_m)
 
 
-def _seen(
-    parts: Sequence[Part], depression: float, u: F64, w: F64, posture: tuple[float | None, float]
+def _render_parts(
+    parts: Sequence[BodyPart], depression: float, u: F64, w: F64, turn_rad: float | None, lean_m: float
 ) -> tuple[F64, F64]:
     """How surely some parts cover rays, and the surface of the likeliest of them [m]."""
-    entered = [cylinders(depression, u, w, part.profile, *posture) for part in parts]
-    nearest = np.min(
-        [enter for enter, part in zip(entered, parts, strict=True) if part.covers == 1.0], axis=0, initial=np.inf
-    )
+    entered = [enter_cylinders(depression, u, w, part.profile, turn_rad, lean_m) for part in parts]
+    always_there = [enter for enter, part in zip(entered, parts, strict=True) if part.covers == 1.0]
+    nearest = np.min(always_there, axis=0, initial=np.inf)
     cover, front, likeliest = np.zeros((3, *entered[0].shape))
     for enter, part in zip(entered, parts, strict=True):
-        always, blur = part.covers == 1.0, part.blur_m / TABLE_CELL_M
+        always = part.covers == 1.0
+        blur = part.blur_m / TABLE_CELL_M
         hit = np.isfinite(enter) & ((enter == nearest) | (not always))
         inside = cv2.GaussianBlur(hit.astype(np.float64), (0, 0), blur)
         ahead = cv2.GaussianBlur(np.where(hit, -enter, 0.0), (0, 0), blur) / np.maximum(inside, 1e-6)
         share = part.covers * inside
         sure = share + hit if always else share
-        front, likeliest = np.where(sure > likeliest, ahead, front), np.maximum(likeliest, sure)
+        front = np.where(sure > likeliest, ahead, front)
+        likeliest = np.maximum(likeliest, sure)
         cover = np.minimum(cover + share, 1.0) if always else np.maximum(cover, share)
     return cover, np.where(cover > 1e-3, front, 0.0)
 
 
-def cylinders(
-    depression: float, u: F64, w: F64, profile: Profile, turn: float | None = None, lean_m: float = 0.0
+def enter_cylinders(
+    depression: float, u: F64, w: F64, profile: Profile, turn_rad: float | None = None, lean_m: float = 0.0
 ) -> F64:
     """Where rays enter upright elliptic cylinders, from the point nearest to the body's centre on [m]; inf for never.
 
     Args:
-        turn: direction of facing relative to the level direction of the ray, counterclockwise; None for the mean over
-            all of them.
+        turn_rad: direction of facing relative to the level direction of the ray, counterclockwise; None for the mean
+            over all of them.
         lean_m: of the head.
     """
-    c, s = np.cos(depression), np.sin(depression)
-    c = c if abs(c) > 1e-6 else 1e-6
-    s = s if abs(s) > 1e-6 else 1e-6
+    c = _nonzero(np.cos(depression))
+    s = _nonzero(np.sin(depression))
+    steep = np.sin(depression) ** 2
+    ct = math.cos(turn_rad or 0.0)
+    st = math.sin(turn_rad or 0.0)
     enter = np.full(np.broadcast_shapes(u.shape, w.shape), np.inf)
     for low_share, high_share, radius, ratio in profile:
-        low, high = low_share * TORSO.height_m, high_share * TORSO.height_m
-        if turn is None:  # From above it may face anywhere: a circle of the same area.
-            steep = np.sin(depression) ** 2
-            half, deep, ct, st, ahead = (
-                radius * (1 - steep + steep * np.sqrt(ratio)),
-                ratio ** (1 - steep),
-                1.0,
-                0.0,
-                0.0,
-            )
-        else:
-            half, deep, ct, st, ahead = radius, ratio, math.cos(turn), math.sin(turn), lean_m * lean_share(low_share)
+        half = radius
+        deep = ratio
+        if turn_rad is None:  # From above it may face anywhere: a circle of the same area.
+            half = radius * (1 - steep + steep * np.sqrt(ratio))
+            deep = ratio ** (1 - steep)
+        ahead = lean_m * lean_share(low_share)
         # ((q cos + u sin - lean) / depth)^2 + ((u cos - q sin) / breadth)^2 = 1 at q along the level ray (method, 5).
-        per_depth, per_breadth = 1.0 / (half * deep) ** 2, 1.0 / half**2
+        per_depth = 1.0 / (half * deep) ** 2
+        per_breadth = 1.0 / half**2
         a = ct * ct * per_depth + st * st * per_breadth
         b = ct * (u * st - ahead) * per_depth - st * ct * u * per_breadth
         inside = b * b - a * ((u * st - ahead) ** 2 * per_depth + (u * ct) ** 2 * per_breadth - 1.0)
         chord = np.sqrt(np.maximum(inside, 0.0)) / a
         middle = TORSO.height_m / 2 + w * c
-        top, bottom = (high, low) if s > 0 else (low, high)
+        top = high_share * TORSO.height_m
+        bottom = low_share * TORSO.height_m
+        if s <= 0:  # the ray rises, and enters from below
+            top, bottom = bottom, top
         first = np.maximum((-b / a - chord - w * s) / c, (middle - top) / s)
         last = np.minimum((-b / a + chord - w * s) / c, (middle - bottom) / s)
         enter = np.where((inside > 0) & (first < last) & (first < enter), first, enter)
     return enter
 
 
+def _nonzero(value: float) -> float:
+    """A cosine or sine by which can be divided."""
+    return value if abs(value) > 1e-6 else 1e-6
+
+
 def lean_share(height: float) -> float:
     """How far a part that begins at a relative height is before the feet, relative to the head: shoulders half."""
-    return 1.0 if height >= NECK_FROM else (0.5 if height >= CHEST_FROM else 0.0)
+    if height >= NECK_FROM:
+        return 1.0
+    return 0.5 if height >= CHEST_FROM else 0.0

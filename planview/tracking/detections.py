@@ -1,11 +1,11 @@
-"""People from the boxes of another program's detector: placed on the floor by a calibrated camera, or in the image."""
+"""People from the boxes of another program's detector: on the floor with a calibrated camera, or in the image."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from pydantic import Field
@@ -29,6 +29,7 @@ SAME_PERSON_IOU = 0.5
 BOX_EVIDENCE_MAX = 3.0
 """Largest log-odds that a score gives: detectors are surer than they are right."""
 RING = np.array([(math.cos(a), math.sin(a)) for a in np.linspace(0, 2 * np.pi, 8, endpoint=False)])
+"""(8, 2) directions in which the rim of a body's cylinder is projected."""
 BOX_FIT_STEPS = 6
 NEWCOMER_SHARE = 0.3
 """Share of people among boxes that show nobody known."""
@@ -52,11 +53,11 @@ class DetectionParams(Params):
 
 
 @dataclass(slots=True, eq=False)
-class Detected:
-    """Somebody tracked.
+class DetectedPerson:
+    """A person tracked on the floor.
 
     Attributes:
-        who: id and state.
+        existence: id and state.
         log_odds: of existence.
         kalman: place [m].
         height_m, height_var: of the person [m, m^2].
@@ -64,7 +65,7 @@ class Detected:
         foot: pixel of the place that the box belongs to.
     """
 
-    who: Existence
+    existence: Existence
     log_odds: float
     kalman: FloorKalman
     height_m: float
@@ -73,16 +74,42 @@ class Detected:
     foot: F64
 
     @property
-    def existence(self) -> float:
+    def probability(self) -> float:
         """Probability of existence."""
         return 1.0 / (1.0 + math.exp(-self.log_odds))
+
+    @property
+    def state(self) -> TrackState:
+        """The person as reported."""
+        x_m, y_m, vx_mps, vy_mps = self.kalman.mean.tolist()
+        left, top, width, height = self.box.tolist()
+        return TrackState(
+            self.existence.track_id, self.existence.state, x_m, y_m, vx_mps, vy_mps, self.height_m,
+            (left, top, width, height),
+        )  # fmt: skip
+
+
+class PlacedBoxes(NamedTuple):
+    """Boxes of people who stand on the floor.
+
+    Attributes:
+        boxes: (N, 5) left, top, width, height [px], score.
+        poses: (N, 3) x, y, height [m].
+        covariances: (N, 3, 3) of these.
+        evidence: (N,) log-odds that the scores give.
+    """
+
+    boxes: F64
+    poses: F64
+    covariances: F64
+    evidence: F64
 
 
 P = TypeVar("P")
 
 
-class _OfDetections(Carried, Generic[P]):
-    """What the trackers of another program's boxes have in common: the boxes, and nothing to say about pixels."""
+class _DetectionsTracker(Carried, Generic[P]):
+    """Common part of the trackers of another program's boxes: the boxes, and no feedback about pixels."""
 
     CARRIED = "_life", "_people"
     needs: Needs = "image"
@@ -104,14 +131,14 @@ class _OfDetections(Carried, Generic[P]):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Whose boxes these are, in a sentence."""
+        """Source of the boxes, in a sentence."""
         return (self.detections.summary,)
 
     def study(self, observations: Iterable[Observation]) -> None:
         """Nothing to learn from images."""
 
     def feedback(self) -> U8 | None:
-        """No feedback: the boxes say nothing about pixels."""
+        """No feedback: boxes are no labels of pixels."""
         return None
 
     def debug(self) -> TrackerDebug:
@@ -119,7 +146,7 @@ class _OfDetections(Carried, Generic[P]):
         return TrackerDebug()
 
 
-class DetectionTracker(_OfDetections[Detected]):
+class DetectionTracker(_DetectionsTracker[DetectedPerson]):
     """Boxes to people: the global nearest neighbour by likelihood, and existence by the Bernoulli filter.
 
     A box is explained by the cylinder of a standing body (least squares over its edges, with the heights of adults as
@@ -128,163 +155,214 @@ class DetectionTracker(_OfDetections[Detected]):
     is in view and not behind another.
     """
 
-    RECORDS = Detected, Existence, FloorKalman
+    RECORDS = DetectedPerson, Existence, FloorKalman
 
     def __init__(self, detections: Detections, params: DetectionParams, camera: GroundCamera) -> None:
         super().__init__(detections)
-        self.params, self.camera = params, camera
+        self.params = params
+        self.camera = camera
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
         """Track the boxes of one frame."""
         first = math.isnan(self._life.now_s)
         dt_s = self._life.begin(observation.timestamp_s)
         fresh = 1.0 if first else min(1.0, dt_s / ERRORS_S)
-        boxes = self.detections.at(observation.frame)
-        poses, covariances = self._placed(boxes)
-        placed = np.flatnonzero(np.isfinite(poses).all(axis=1))
-        boxes, poses, covariances = boxes[placed], poses[placed], covariances[placed]
-        scores = np.clip(boxes[:, 4], 1e-6, 1 - 1e-6)
-        evidence = np.clip(np.log(scores / (1 - scores)), -BOX_EVIDENCE_MAX, BOX_EVIDENCE_MAX) * self.detections.scored
-        for q in self._people:
-            if not q.who.observed:
-                q.kalman = q.kalman.slowed(dt_s, body.SLOW_DOWN_S)
-            q.kalman = q.kalman.predicted(dt_s, body.ACCELERATION_MPS2)
-            foot = self._foot(q.kalman)
-            if np.isfinite(foot).all():
-                q.box[:2] += foot - q.foot
-                q.foot = foot
-        gains = np.array([[self._gain(q, z, c) for z, c in zip(poses, covariances, strict=True)] for q in self._people])
-        gains = gains.reshape(len(self._people), len(boxes)) + evidence
-        # By the largest sum of gains and beliefs over having no box.
-        known = np.array([math.log(q.existence) - math.log(1 - self.params.found) for q in self._people])
-        matched = best_pairs(np.maximum(np.where(np.isfinite(gains), gains + known[:, None], 0.0), 0.0))
-        for i, q in enumerate(self._people if self.detections.looked(observation.frame) else ()):
-            if i in matched:
-                k = matched[i]
-                self._found(q, boxes[k], poses[k], covariances[k], fresh, gains[i, k])
-            else:
-                self._missed(q, dt_s, fresh)
-        taken, same = set(matched.values()), overlaps(boxes[:, :4], boxes[:, :4]) > SAME_PERSON_IOU
-        for k in range(len(boxes)):
-            if k not in taken and not same[k, list(taken)].any():
-                self._meet(boxes[k], poses[k], covariances[k], float(evidence[k]))
-                taken.add(k)
-        for q in [q for q in self._people if q.existence < FORGOTTEN]:
-            self._life.prune(q.who, f"existence {q.existence:.2f}", q.existence)
-            self._people.remove(q)
-        return tuple(self._state(q) for q in self._people)
+        placed = self._place_boxes(self.detections.at(observation.frame))
+        for person in self._people:
+            self._predict(person, dt_s)
+        gains = self._gains(placed)
+        matched = self._match(gains)
+        if self.detections.looked(observation.frame):
+            for i, person in enumerate(self._people):
+                k = matched.get(i)
+                if k is None:
+                    self._miss(person, dt_s, fresh)
+                else:
+                    self._correct(person, placed, k, fresh, gains[i, k])
+        self._add_newcomers(placed, set(matched.values()))
+        self._forget_gone()
+        return tuple(person.state for person in self._people)
 
-    def _placed(self, boxes: F64) -> tuple[F64, F64]:
-        """(N, 3) x, y, height [m] of boxes, NaN of those on no floor, and (N, 3, 3) covariances."""
+    def _predict(self, person: DetectedPerson, dt_s: float) -> None:
+        """Move a person on, and the box with it."""
+        if not person.existence.observed:
+            person.kalman = person.kalman.slow_down(dt_s, body.SLOW_DOWN_S)
+        person.kalman = person.kalman.predict(dt_s, body.ACCELERATION_MPS2)
+        foot = self._foot(person.kalman)
+        if np.isfinite(foot).all():
+            person.box[:2] += foot - person.foot
+            person.foot = foot
+
+    def _place_boxes(self, boxes: F64) -> PlacedBoxes:
+        """Place boxes on the floor; those above the horizon are left out."""
+        poses, covariances = self._fit_bodies(boxes)
+        on_floor = np.flatnonzero(np.isfinite(poses).all(axis=1))
+        boxes = boxes[on_floor]
+        scores = np.clip(boxes[:, 4], 1e-6, 1 - 1e-6)
+        evidence = np.clip(np.log(scores / (1 - scores)), -BOX_EVIDENCE_MAX, BOX_EVIDENCE_MAX)
+        return PlacedBoxes(boxes, poses[on_floor], covariances[on_floor], evidence * self.detections.scored)
+
+    def _fit_bodies(self, boxes: F64) -> tuple[F64, F64]:
+        """(N, 3) x, y, height [m] of the standing bodies that fit boxes best, NaN where the feet are on no floor, and
+        (N, 3, 3) covariances."""
         std_px = self.params.edge * boxes[:, 3]
         edges = np.column_stack([boxes[:, :2], boxes[:, :2] + boxes[:, 2:4]])
         foot = np.column_stack([(edges[:, 0] + edges[:, 2]) / 2, edges[:, 3]])
         poses = np.column_stack([self.camera.back_project(foot), np.full(len(boxes), body.HEIGHT_MEAN_M)])
         # An edge on the border of the image is not the person's; arms and strides widen a box.
         limits = np.array([0, 0, self.camera.width - 1, self.camera.height - 1])
-        own = np.abs(edges - limits) > 2
-        weight = own / (std_px[:, None] * np.array([3.0, 1.0, 3.0, 1.0]))
+        inside = np.abs(edges - limits) > 2
+        weight = inside / (std_px[:, None] * np.array([3.0, 1.0, 3.0, 1.0]))
         prior = np.diag([0.0, 0.0, 1 / body.HEIGHT_STD_M**2])
         information = np.full((len(boxes), 3, 3), np.nan)
         good = np.asarray(np.isfinite(poses).all(axis=1), dtype=np.bool_)
         for _ in range(BOX_FIT_STEPS):
             expected = self._edges(poses)
-            jacobian = np.stack([(self._edges(poses + 0.01 * axis) - expected) / 0.01 for axis in np.eye(3)], axis=-1)
-            good = good & np.asarray(np.isfinite(jacobian).all(axis=(1, 2)) & np.isfinite(expected).all(axis=1))
+            slopes = [(self._edges(poses + 0.01 * axis) - expected) / 0.01 for axis in np.eye(3)]
+            jacobian = np.stack(slopes, axis=-1)
+            finite = np.isfinite(jacobian).all(axis=(1, 2)) & np.isfinite(expected).all(axis=1)
+            good = good & np.asarray(finite)
             weighted = np.where(good[:, None, None], jacobian * weight[:, :, None], 0.0)
-            information = weighted.transpose(0, 2, 1) @ weighted + prior + 1e-6 * np.eye(3)
+            transposed = weighted.transpose(0, 2, 1)
+            information = transposed @ weighted + prior + 1e-6 * np.eye(3)
             off = np.where(good[:, None], (edges - expected) * weight, 0.0)
             pull = (body.HEIGHT_MEAN_M - poses[:, 2])[:, None] * np.diagonal(prior)
-            step = np.linalg.solve(information, (weighted.transpose(0, 2, 1) @ off[..., None]) + pull[..., None])
+            step = np.linalg.solve(information, (transposed @ off[..., None]) + pull[..., None])
             poses = poses + np.clip(step[..., 0], -2.0, 2.0)
             poses[:, 2] = np.clip(poses[:, 2], body.HEIGHT_MIN_M, body.HEIGHT_MAX_M)
-        return np.where(good[:, None], poses, np.nan), np.linalg.inv(information) if len(boxes) else information
+        covariances = np.linalg.inv(information) if len(boxes) else information
+        return np.where(good[:, None], poses, np.nan), covariances
 
     def _edges(self, poses: F64) -> F64:
         """(N, 4) left, top, right, bottom [px] of standing bodies."""
-        radius = body.TORSO.torso_radius_m
-        around = np.concatenate([np.tile(radius * RING, (2, 1)), np.repeat([[0.0], [1.0]], len(RING), axis=0)], axis=1)
-        points = around + np.concatenate([poses[:, None, :2], np.zeros((len(poses), 1, 1))], axis=2)
-        points[..., 2] = around[:, 2] * poses[:, 2:3]
-        pixels = self.camera.project(points)
+        rim = np.tile(body.TORSO.torso_radius_m * RING, (2, 1))
+        heights = np.repeat([0.0, 1.0], len(RING))
+        xy = rim + poses[:, None, :2]
+        z = heights * poses[:, 2:3]
+        pixels = self.camera.project(np.concatenate([xy, z[..., None]], axis=2))
         return np.concatenate([pixels.min(axis=1), pixels.max(axis=1)], axis=1)
 
     def _foot(self, kalman: FloorKalman) -> F64:
         return self.camera.project(np.array([*kalman.mean[:2], 0.0]))
 
-    def _gain(self, q: Detected, pose: F64, covariance: F64) -> float:
-        """Log-likelihood of a box of this person over that of a false one; -inf beyond the gate."""
-        spread = q.kalman.covariance[:2, :2] + covariance[:2, :2]
-        off = pose[:2] - q.kalman.mean[:2]
+    def _gains(self, placed: PlacedBoxes) -> F64:
+        """(people, boxes) log-likelihood of each box of each person over that of a false one."""
+        gains = np.empty((len(self._people), len(placed.boxes)))
+        for i, person in enumerate(self._people):
+            for k, pose in enumerate(placed.poses):
+                gains[i, k] = self._gain(person, pose, placed.covariances[k])
+        return gains + placed.evidence
+
+    def _gain(self, person: DetectedPerson, pose: F64, covariance: F64) -> float:
+        """Log-likelihood of a place and height of this person over that of a false box; -inf beyond the gate."""
+        spread = person.kalman.covariance[:2, :2] + covariance[:2, :2]
+        off = pose[:2] - person.kalman.mean[:2]
         far = float(off @ np.linalg.solve(spread, off))
-        taller = (pose[2] - q.height_m) ** 2 / (q.height_var + covariance[2, 2])
         if far > GATE_CHI2:
             return -math.inf
+        taller = (pose[2] - person.height_m) ** 2 / (person.height_var + covariance[2, 2])
         density = math.exp(-0.5 * (far + taller)) / (2 * math.pi * math.sqrt(float(np.linalg.det(spread))))
         return math.log(max(self.params.found * density / self.params.false_per_m2, 1e-9))
 
-    def _found(self, q: Detected, box: F64, pose: F64, covariance: F64, fresh: float, gain: float) -> None:
-        p = self.params
+    def _match(self, gains: F64) -> dict[int, int]:
+        """Boxes of people, by the largest sum of gains and log-odds over having no box."""
+        unseen = 1 - self.params.found
+        without = [math.log(person.probability) - math.log(unseen) for person in self._people]
+        gated = np.where(np.isfinite(gains), gains + np.array(without)[:, None], 0.0)
+        return best_pairs(np.maximum(gated, 0.0))
+
+    def _correct(self, person: DetectedPerson, placed: PlacedBoxes, k: int, fresh: float, gain: float) -> None:
+        """Take in box k."""
+        pose = placed.poses[k]
+        covariance = placed.covariances[k]
         weight = max(fresh, 1e-3)
-        q.kalman = q.kalman.corrected(pose[:2], covariance[:2, :2] / weight)
-        share = q.height_var / (q.height_var + float(covariance[2, 2]) / weight)
-        q.height_m, q.height_var = q.height_m + share * (float(pose[2]) - q.height_m), (1 - share) * q.height_var
-        q.box, q.foot = box[:4].copy(), self._foot(q.kalman)
-        q.log_odds = min(q.log_odds + fresh * gain, body.LOG_ODDS_MAX)
-        self._life.observe(q.who, f"log-likelihood {gain:.1f} over a false box, existence {q.existence:.3f}", gain)
-        if q.existence > p.report:
-            self._life.confirm(q.who, f"existence {q.existence:.3f}", q.existence)
+        person.kalman = person.kalman.correct(pose[:2], covariance[:2, :2] / weight)
+        share = person.height_var / (person.height_var + float(covariance[2, 2]) / weight)
+        person.height_m += share * (float(pose[2]) - person.height_m)
+        person.height_var *= 1 - share
+        person.box = placed.boxes[k, :4].copy()
+        person.foot = self._foot(person.kalman)
+        person.log_odds = min(person.log_odds + fresh * gain, body.LOG_ODDS_MAX)
+        existence = f"existence {person.probability:.3f}"
+        self._life.observe(person.existence, f"log-likelihood {gain:.1f} over a false box, {existence}", gain)
+        if person.probability > self.params.report:
+            self._life.confirm(person.existence, existence, person.probability)
 
-    def _missed(self, q: Detected, dt_s: float, fresh: float) -> None:
-        """No box: survival, and evidence against as far as the person should be seen."""
-        p = self.params
-        foot = q.box[1] + q.box[3]  # lower in the image is nearer
-        nearer = np.array([o.box for o in self._people if o is not q and o.box[1] + o.box[3] >= foot]).reshape(-1, 4)
-        hidden, inside = (
-            float(common(q.box[None], boxes).max(initial=0.0) / (q.box[2] * q.box[3]))
-            for boxes in (nearer, np.array([[0.0, 0.0, *self.camera.size]]))
-        )
-        away_s = body.LEAVE_S if inside < SAME_PERSON_IOU else p.stay_s
-        stays = q.existence * math.exp(-dt_s / away_s)
-        q.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
-        q.log_odds += fresh * math.log(1 - p.found * (1 - hidden) * inside)
-        self._life.miss(q.who, f"no box, hidden {hidden:.2f}, existence {q.existence:.3f}", q.existence)
+    def _miss(self, person: DetectedPerson, dt_s: float, fresh: float) -> None:
+        """Take in that there is no box: survival, and evidence against as far as the person should be seen."""
+        bottom = person.box[1] + person.box[3]  # lower in the image is nearer
+        nearer = [other.box for other in self._people if other is not person and other.box[1] + other.box[3] >= bottom]
+        hidden = _largest_common_share(person.box, np.array(nearer).reshape(-1, 4))
+        inside = _largest_common_share(person.box, np.array([[0.0, 0.0, *self.camera.size]]))
+        away_s = body.LEAVE_S if inside < SAME_PERSON_IOU else self.params.stay_s
+        stays = person.probability * math.exp(-dt_s / away_s)
+        person.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
+        person.log_odds += fresh * math.log(1 - self.params.found * (1 - hidden) * inside)
+        reason = f"no box, hidden {hidden:.2f}, existence {person.probability:.3f}"
+        self._life.miss(person.existence, reason, person.probability)
 
-    def _meet(self, box: F64, pose: F64, covariance: F64, evidence: float) -> None:
-        kalman = FloorKalman.measured(pose[:2], covariance[:2, :2], body.SPEED_MAX_MPS / 2)
-        odds = math.log(NEWCOMER_SHARE / (1 - NEWCOMER_SHARE)) + evidence
-        who = self._life.spawn(f"a box that shows nobody known, {pose[2]:.2f} m tall", odds)
-        height_m, height_var = float(pose[2]), float(covariance[2, 2])
-        self._people.append(Detected(who, odds, kalman, height_m, height_var, box[:4].copy(), self._foot(kalman)))
+    def _add_newcomers(self, placed: PlacedBoxes, taken: set[int]) -> None:
+        """Follow the boxes of nobody, but one of those that show the same person."""
+        boxes = placed.boxes[:, :4]
+        same = overlaps(boxes, boxes) > SAME_PERSON_IOU
+        for k, pose in enumerate(placed.poses):
+            if k in taken or same[k, list(taken)].any():
+                continue
+            taken.add(k)
+            covariance = placed.covariances[k]
+            kalman = FloorKalman.from_measurement(pose[:2], covariance[:2, :2], body.SPEED_MAX_MPS / 2)
+            log_odds = math.log(NEWCOMER_SHARE / (1 - NEWCOMER_SHARE)) + float(placed.evidence[k])
+            existence = self._life.spawn(f"a box that shows nobody known, {pose[2]:.2f} m tall", log_odds)
+            person = DetectedPerson(
+                existence, log_odds, kalman, float(pose[2]), float(covariance[2, 2]), boxes[k].copy(),
+                self._foot(kalman),
+            )  # fmt: skip
+            self._people.append(person)
 
-    def _state(self, q: Detected) -> TrackState:
-        (x, y, vx, vy), (left, top, width, height) = q.kalman.mean.tolist(), q.box.tolist()
-        return TrackState(q.who.track_id, q.who.state, x, y, vx, vy, q.height_m, (left, top, width, height))
+    def _forget_gone(self) -> None:
+        """Stop following people who are hardly likely to be there."""
+        kept = []
+        for person in self._people:
+            if person.probability < FORGOTTEN:
+                self._life.prune(person.existence, f"existence {person.probability:.2f}", person.probability)
+            else:
+                kept.append(person)
+        self._people = kept
 
 
-def best_pairs(worth: F64) -> dict[int, int]:
-    """Columns of rows, each at most once, by the largest sum of (N, M) worth from 0 on; none where there is none."""
+def best_pairs(gains: F64) -> dict[int, int]:
+    """Columns of rows, each at most once, by the largest sum of (N, M) gains; none where a gain is not above 0."""
     from scipy.optimize import linear_sum_assignment  # half a second
 
-    pairs = zip(*linear_sum_assignment(worth, maximize=True), strict=True)
-    return {int(i): int(k) for i, k in pairs if worth[i, k] > 0.0}
+    rows, columns = linear_sum_assignment(gains, maximize=True)
+    return {int(i): int(k) for i, k in zip(rows, columns, strict=True) if gains[i, k] > 0.0}
 
 
-def common(boxes: F64, others: F64) -> F64:
+def common_areas(boxes: F64, others: F64) -> F64:
     """(N, M) area [px^2] that (N, 4) and (M, 4) boxes left, top, width, height share."""
-    first, second = np.maximum(boxes[:, None, :2], others[None, :, :2]), boxes[:, None, :2] + boxes[:, None, 2:]
-    return np.asarray(np.prod(np.maximum(np.minimum(second, others[:, :2] + others[:, 2:]) - first, 0.0), axis=-1))
+    low = np.maximum(boxes[:, None, :2], others[None, :, :2])
+    high = np.minimum(boxes[:, None, :2] + boxes[:, None, 2:], others[:, :2] + others[:, 2:])
+    return np.asarray(np.prod(np.maximum(high - low, 0.0), axis=-1))
 
 
 def overlaps(boxes: F64, others: F64) -> F64:
     """(N, M) intersection over union of (N, 4) and (M, 4) boxes left, top, width, height [px]."""
-    shared = common(boxes, others)
-    return np.asarray(shared / (np.prod(boxes[:, 2:], axis=1)[:, None] + np.prod(others[:, 2:], axis=1) - shared))
+    shared = common_areas(boxes, others)
+    areas = np.prod(boxes[:, 2:], axis=1)[:, None] + np.prod(others[:, 2:], axis=1)
+    return np.asarray(shared / (areas - shared))
 
 
-SURE_SCORE, NEW_SCORE, LEAST_SCORE = 0.6, 0.7, 0.1
+def _largest_common_share(box: F64, others: F64) -> float:
+    """Largest share of a box that one of (N, 4) others has in common with it."""
+    return float(common_areas(box[None], others).max(initial=0.0) / (box[2] * box[3]))
+
+
+SURE_SCORE = 0.6
+NEW_SCORE = 0.7
+LEAST_SCORE = 0.1
 """Scores from which a box is matched first, starts a track, and counts at all (Zhang et al. 2022, section 4.1)."""
-SURE_IOU, UNSURE_IOU = 0.1, 0.2
+SURE_IOU = 0.1
+UNSURE_IOU = 0.2
 """Least overlap with a track's predicted box in the first and in the second stage: walkers at 7 frames per second move
 by their own breadth, and the whole assignment decides, not a pair alone."""
 LOST_S = 1.0
@@ -312,26 +390,29 @@ class BoxTrack:
 
     @property
     def state(self) -> TrackState:
+        """The track as reported."""
         u, v, width, height = self.box.tolist()
         box_px = (u - width / 2, v - height / 2, width, height)
         return TrackState(self.existence.track_id, self.existence.state, box_px=box_px)
 
     def predict(self, dt_s: float) -> None:
-        """Move on by dt with a random acceleration that is constant over dt."""
+        """Move on by dt_s with a random acceleration that is constant over it."""
         self.box = self.box + dt_s * self.velocity
         self.box[2:] = np.maximum(self.box[2:], 1.0)
-        step, push = np.array([[1.0, dt_s], [0.0, 1.0]]), ACCELERATION * np.array([0.5 * dt_s**2, dt_s])
+        step = np.array([[1.0, dt_s], [0.0, 1.0]])
+        push = ACCELERATION * np.array([0.5 * dt_s**2, dt_s])
         self.covariance = step @ self.covariance @ step.T + np.outer(push, push)
 
     def correct(self, box: F64, edge: float) -> None:
         """Take in a measured box; ``edge`` is its deviation in heights."""
         gain = self.covariance[:, 0] / (self.covariance[0, 0] + edge**2)
         off = box - self.box
-        self.box, self.velocity = self.box + gain[0] * off, self.velocity + gain[1] * off
+        self.box = self.box + gain[0] * off
+        self.velocity = self.velocity + gain[1] * off
         self.covariance = self.covariance - np.outer(gain, self.covariance[0])
 
 
-class BoxTracker(_OfDetections[BoxTrack]):
+class BoxTracker(_DetectionsTracker[BoxTrack]):
     """Follows the boxes of a detector without a camera: the two stages of ByteTrack (Zhang et al. 2022) with a Kalman
     filter of boxes.
 
@@ -354,39 +435,36 @@ class BoxTracker(_OfDetections[BoxTrack]):
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
         """Track the boxes of one frame."""
         first = math.isnan(self._life.now_s)
-        dt_s, boxes = self._life.begin(observation.timestamp_s), self.detections.at(observation.frame)
-        score = boxes[:, 4] if self.detections.scored else np.ones(len(boxes))
-        sure = np.flatnonzero(score >= SURE_SCORE)
-        unsure = np.flatnonzero((score >= LEAST_SCORE) & (score < SURE_SCORE))
-        seen = [track.existence.observed for track in self._people]
+        dt_s = self._life.begin(observation.timestamp_s)
         for track in self._people:
             track.predict(dt_s)
-        if not self.detections.looked(observation.frame):
-            return tuple(track.state for track in self._people if track.existence.observed)
-        every = range(len(self._people))
-        found = self._match(every, boxes, sure, SURE_IOU)
-        left = [i for i in every if i not in found and seen[i] and self._people[i].existence.confirmed]
-        found |= self._match(left, boxes, unsure, UNSURE_IOU)
-        for i, track in enumerate(self._people):
-            if i in found:
-                self._life.observe(track.existence, f"score {score[found[i]]:.2f}", float(score[found[i]]))
-                self._life.confirm(track.existence, "a second box")
-                track.correct(centred(boxes[found[i]]), self._edge)
-            else:
-                self._life.miss(track.existence, "no box")
-        for k in np.setdiff1d(sure[score[sure] >= NEW_SCORE], list(found.values())):
-            who = self._life.spawn(f"a box of nobody known, score {score[k]:.2f}", float(score[k]))
-            if first:
-                self._life.confirm(who, "in the first frame")
-            motion = np.zeros(4), np.diag([self._edge**2, SPEED**2])
-            self._people.append(BoxTrack(who, centred(boxes[k]), *motion))
-        for track in list(self._people):
-            who = track.existence
-            gone_s = self._life.unobserved_s(who)
-            if not who.observed and (not who.confirmed or gone_s > LOST_S):
-                self._life.prune(who, f"no box for {gone_s:.1f} s")
-                self._people.remove(track)
+        if self.detections.looked(observation.frame):
+            boxes = self.detections.at(observation.frame)
+            scores = boxes[:, 4] if self.detections.scored else np.ones(len(boxes))
+            taken = self._follow(boxes, scores)
+            self._begin_tracks(boxes, scores, taken, first)
+            self._end_tracks()
         return tuple(track.state for track in self._people if track.existence.observed)
+
+    def _follow(self, boxes: F64, scores: F64) -> list[int]:
+        """Match the boxes of a frame to the tracks in two stages; return the boxes of tracks."""
+        sure = np.flatnonzero(scores >= SURE_SCORE)
+        unsure = np.flatnonzero((scores >= LEAST_SCORE) & (scores < SURE_SCORE))
+        matched = self._match(range(len(self._people)), boxes, sure, SURE_IOU)
+        left = []
+        for i, track in enumerate(self._people):
+            if i not in matched and track.existence.observed and track.existence.confirmed:
+                left.append(i)
+        matched |= self._match(left, boxes, unsure, UNSURE_IOU)
+        for i, track in enumerate(self._people):
+            k = matched.get(i)
+            if k is None:
+                self._life.miss(track.existence, "no box")
+                continue
+            self._life.observe(track.existence, f"score {scores[k]:.2f}", float(scores[k]))
+            self._life.confirm(track.existence, "a second box")
+            track.correct(centre_and_size(boxes[k]), self._edge)
+        return list(matched.values())
 
     def _match(self, tracks: Sequence[int], boxes: F64, candidates: I64, least_iou: float) -> dict[int, int]:
         """The box of each track that gets one, by the largest sum of overlaps."""
@@ -395,7 +473,28 @@ class BoxTracker(_OfDetections[BoxTrack]):
         pairs = best_pairs(np.where(shared < least_iou, 0.0, shared))
         return {tracks[i]: int(candidates[k]) for i, k in pairs.items()}
 
+    def _begin_tracks(self, boxes: F64, scores: F64, taken: list[int], first: bool) -> None:
+        """Begin tracks with the boxes of a high score that are left; in the ``first`` frame they are people."""
+        for k in np.setdiff1d(np.flatnonzero(scores >= NEW_SCORE), taken):
+            existence = self._life.spawn(f"a box of nobody known, score {scores[k]:.2f}", float(scores[k]))
+            if first:
+                self._life.confirm(existence, "in the first frame")
+            covariance = np.diag([self._edge**2, SPEED**2])
+            self._people.append(BoxTrack(existence, centre_and_size(boxes[k]), np.zeros(4), covariance))
 
-def centred(box: F64) -> F64:
+    def _end_tracks(self) -> None:
+        """End tentative tracks without a box, and others that have been without for long."""
+        kept = []
+        for track in self._people:
+            existence = track.existence
+            gone_s = self._life.unobserved_s(existence)
+            if not existence.observed and (not existence.confirmed or gone_s > LOST_S):
+                self._life.prune(existence, f"no box for {gone_s:.1f} s")
+            else:
+                kept.append(track)
+        self._people = kept
+
+
+def centre_and_size(box: F64) -> F64:
     """Centre, width and height of a box left, top, width, height."""
     return np.concatenate([box[:2] + box[2:4] / 2, box[2:4]])

@@ -1,26 +1,33 @@
-"""Newcomers: where one more person would explain what the people known leave unexplained."""
+"""Newcomers: where one more person would explain what the people followed leave unexplained."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from calib.carried import Carried
 from calib.types import F32, F64, I64
-from planview.maps.view import CODES, View
+from planview.maps.view import View
 from planview.tracking import body
-from planview.tracking.explain.explanation import STEPS_M, Explanation, Owned, People, about, upright
+from planview.tracking.explain.clothes import colour_counts
+from planview.tracking.explain.explanation import (
+    NO_COLOURS,
+    STEPS_M,
+    Explanation,
+    Owners,
+    People,
+    loose_prior,
+    upright_pose,
+)
 from planview.tracking.explain.params import PeopleParams
-from planview.tracking.explain.person import BORN_LOG_ODDS, Person, colour_counts, side_by_side
-from planview.tracking.explain.samples import PARTS, TINY, map_lacking
-from planview.tracking.explain.samples import fresh_points as find_fresh
+from planview.tracking.explain.person import Glimpse, Person, side_by_side
+from planview.tracking.explain.samples import TINY, find_fresh, map_lacking
 from planview.tracking.kalman import FloorKalman
 
-EVIDENCE_MAX = 6.0
-"""Largest evidence of one observation for or against a person, as a log-odds."""
 BIRTH_CELL_M = 0.05
 """Side of a cell of the floor over which unexplained pixels are summed [m]."""
 BODY_CELLS = 9
@@ -30,8 +37,26 @@ PLACES_MAX = 6
 MAP_CELLS_MAX = 4_000_000
 CHANGED = 3.0
 """Deviations of its range from which a surface is another one."""
-SEARCH_PRIOR = about(body.TORSO.torso_radius_m, 1.0)
+SEARCH_PRIOR = loose_prior(body.TORSO.torso_radius_m, 1.0)
 """Prior of a search: the place within a body's radius, and the height within a metre."""
+
+
+LACKING, CODE = 3, 4
+"""Rows of points besides x, y, z [m]: what they lack of an explanation, and their colour."""
+
+
+class FreshPoints(NamedTuple):
+    """Points of surface that have not been tried at the range that they have now.
+
+    Attributes:
+        points: (5, M) float32, see LACKING.
+        cameras: (M,) index of the view that shows each.
+        pixels: (M,) its pixel there, row * width + column.
+    """
+
+    points: F32
+    cameras: I64
+    pixels: I64
 
 
 class Births(Carried):
@@ -44,118 +69,148 @@ class Births(Carried):
         self._tried_m: list[F32] = []
 
     def prepare(self, views: Sequence[View]) -> None:
-        """Make room for the pixels of every head. Raises ValueError: other heads than in the frames before."""
+        """Make room for the pixels of every sensor. Raises ValueError: other sensors than in the frames before."""
         shapes = [view.kind.shape for view in views]
-        self._tried_m = self._tried_m or [np.zeros(shape, np.float32) for shape in shapes]
-        if (before := [tried.shape for tried in self._tried_m]) != shapes:
+        if not self._tried_m:
+            self._tried_m = [np.zeros(shape, np.float32) for shape in shapes]
+        before = [tried_m.shape for tried_m in self._tried_m]
+        if before != shapes:
             raise ValueError(f"expected views of {before} as in the frames before, got {shapes}")
 
-    def find(self, frame: Explanation, known: Sequence[Person], owned: Sequence[Owned], now_s: float) -> list[Person]:
-        """New people of this frame, without ids; ``owned`` is of each view.
+    def find(
+        self, frame: Explanation, followed: Sequence[Person], owners: Sequence[Owners], now_s: float
+    ) -> list[Person]:
+        """Find the newcomers of a frame, without ids.
 
         Pixels that have been tried count again when they have changed.
+
+        Args:
+            owners: of each view.
         """
-        p = self._params
-        found = [self._fresh(k, frame, o) for k, o in enumerate(owned)]
-        starts = np.cumsum([0, *(len(o.pixels) for o in owned)])
-        fresh = np.concatenate([which + first for (which, _), first in zip(found, starts, strict=False)])
-        fresh_points = np.concatenate([points for _, points in found], axis=1)
-        cameras = np.repeat(np.arange(len(found)), [len(which) for which, _ in found])
-        if float(np.maximum(fresh_points[3], 0.0).sum()) < p.birth_evidence:
+        least = self._params.birth_evidence
+        fresh = self._fresh_points(frame, owners)
+        points = fresh.points
+        if float(np.maximum(points[LACKING], 0.0).sum()) < least:
             return []
-        low, high = (edge(fresh_points[:2], axis=1).astype(np.float64) for edge in (np.min, np.max))
-        low -= BODY_CELLS * BIRTH_CELL_M
-        shape = tuple(int(cells) + 2 * BODY_CELLS for cells in (high - low) / BIRTH_CELL_M)
-        if shape[0] * shape[1] > MAP_CELLS_MAX:
+        low_m = points[:2].min(axis=1).astype(np.float64) - BODY_CELLS * BIRTH_CELL_M
+        gains = _map_gains(points, low_m)
+        if gains is None or gains.max() < least:
             return []
-        lack = np.zeros(shape, np.float32)
-        map_lacking(fresh_points, low, BIRTH_CELL_M, lack)
-        box = np.asarray(cv2.boxFilter(lack, -1, (BODY_CELLS, BODY_CELLS), normalize=False))
         born: list[Person] = []
-        people: People | None = None
-        tried = np.zeros(starts[-1], np.bool_)
+        people = side_by_side(followed)
+        tried = np.zeros(points.shape[1], np.bool_)
+        reach = BODY_CELLS * 2 // 3
         for _ in range(PLACES_MAX):
-            row, col = divmod(int(np.argmax(box)), box.shape[1])
-            if box[row, col] < p.birth_evidence:
+            row, col = divmod(int(np.argmax(gains)), gains.shape[1])
+            if gains[row, col] < least:
                 break
-            place = low + (np.array([row, col]) + 0.5) * BIRTH_CELL_M
-            reach = BODY_CELLS * 2 // 3
-            box[max(0, row - reach) : row + reach + 1, max(0, col - reach) : col + reach + 1] = 0
-            people = people or side_by_side(known)
-            near = np.abs(fresh_points[:2] - place[:, None]).max(axis=0) < reach * BIRTH_CELL_M
-            lacks = near & (fresh_points[3] > 0)
-            lacking = fresh_points[:, lacks].T.astype(np.float64)
-            person = _tried(frame, p.birth_evidence, people, lacking, cameras[lacks], now_s)
-            tried[fresh[near]] = True
-            if person is None:
-                continue
-            born.append(person)
-            people = people.with_one(person.pose)
-        for v, tried_m, o, mine in zip(frame.views, self._tried_m, owned, np.split(tried, starts[1:-1]), strict=True):
-            tried_m.reshape(-1)[o.pixels[mine]] = v.range_m.reshape(-1)[o.pixels[mine]]
+            gains[max(0, row - reach) : row + reach + 1, max(0, col - reach) : col + reach + 1] = 0
+            place = low_m + (np.array([row, col]) + 0.5) * BIRTH_CELL_M
+            near = np.abs(points[:2] - place[:, None]).max(axis=0) < reach * BIRTH_CELL_M
+            tried |= near
+            lacks = near & (points[LACKING] > 0)
+            unexplained = points[:, lacks].astype(np.float64)
+            person = _try_person(frame, least, people, unexplained, fresh.cameras[lacks], now_s)
+            if person is not None:
+                born.append(person)
+                people = people.with_one(person.pose)
+        for k, view in enumerate(frame.views):
+            pixels = fresh.pixels[tried & (fresh.cameras == k)]
+            self._tried_m[k].reshape(-1)[pixels] = view.range_m.reshape(-1)[pixels]
         return born
 
-    def _fresh(self, k: int, frame: Explanation, o: Owned) -> tuple[I64, F32]:
-        """Which pixels of view k have not been tried at the range that they have now, and their points."""
-        n, std_m = len(o.pixels), (body.SURFACE_STD_M, CHANGED)
-        which, points = np.empty(n, np.int64), np.empty((5, n), np.float32)
-        n = find_fresh(o.pixels, o.lacking, o.colours, frame.seen[k], self._tried_m[k], std_m, which, points)
+    def _fresh_points(self, frame: Explanation, owners: Sequence[Owners]) -> FreshPoints:
+        """Points of all views."""
+        points = []
+        cameras = []
+        pixels = []
+        for k, in_view in enumerate(owners):
+            which, view_points = self._fresh_in_view(k, frame, in_view)
+            points.append(view_points)
+            cameras.append(np.full(len(which), k))
+            pixels.append(in_view.pixels[which])
+        return FreshPoints(np.concatenate(points, axis=1), np.concatenate(cameras), np.concatenate(pixels))
+
+    def _fresh_in_view(self, k: int, frame: Explanation, owners: Owners) -> tuple[I64, F32]:
+        """Indices of the pixels of view k that have not been tried at the range that they have now, and (5, M) points
+        there."""
+        n = len(owners.pixels)
+        which = np.empty(n, np.int64)
+        points = np.empty((5, n), np.float32)
+        changed = body.SURFACE_STD_M, CHANGED
+        n = find_fresh(
+            owners.pixels, owners.lacking, owners.colours, frame.arrays[k], self._tried_m[k], changed, which, points
+        )
         return which[:n], points[:, :n]
 
 
-def _tried(
-    frame: Explanation, birth_evidence: float, people: People, points: F64, cameras: I64, now_s: float
+def _map_gains(points: F32, low_m: F64) -> F32 | None:
+    """What one more person at each cell of the floor from ``low_m`` on might gain: the sum over a body's breadth; None
+    for a floor that is too large."""
+    high_m = points[:2].max(axis=1).astype(np.float64)
+    rows, cols = [int(cells) + 2 * BODY_CELLS for cells in (high_m - low_m) / BIRTH_CELL_M]
+    if rows * cols > MAP_CELLS_MAX:
+        return None
+    lacking = np.zeros((rows, cols), np.float32)
+    map_lacking(points, low_m, BIRTH_CELL_M, lacking)
+    return np.asarray(cv2.boxFilter(lacking, -1, (BODY_CELLS, BODY_CELLS), normalize=False), np.float32)
+
+
+def _try_person(
+    frame: Explanation, least: float, people: People, points: F64, cameras: I64, now_s: float
 ) -> Person | None:
-    """A newcomer at some (N, 5) points, each seen by one of the ``cameras`` (N,), if the evidence for one is strong
-    enough."""
-    if len(points) == 0:
+    """A newcomer where points lack an explanation; None unless the evidence is strong enough.
+
+    Args:
+        least: evidence of a newcomer.
+        points: (5, N) see LACKING.
+        cameras: (N,) index of the view that shows each.
+    """
+    if not len(cameras):
         return None
-    radius = body.TORSO.torso_radius_m
-    place = _behind(points, cameras, frame)
-    top = float(np.clip(np.quantile(points[:, 2], 0.97), 0.9, body.HEIGHT_MAX_M))
+    place = _place_behind(points, cameras, frame)
+    top_m = float(np.clip(np.quantile(points[2], 0.97), 0.9, body.HEIGHT_MAX_M))
     n = len(people.poses)
-    start = upright((*place, body.HEIGHT_MEAN_M))
-    trial = people.with_one(start)
-    others = np.flatnonzero(frame.touching(trial.poses)[n, :n])
-    samples = frame.around(start, radius + 0.15)
-    samples.layer(trial, others)
-    tall, ratios = trial.tall[n], trial.ratios[n]
-    starts = [upright((*place, height)) for height in (body.HEIGHT_MEAN_M, top)]
-    poses = [start.copy() for start in starts]
-    found = [
-        samples.ascend(pose, start, SEARCH_PRIOR, tall, ratios, STEPS_M[:1])[0]
-        for pose, start in zip(poses, starts, strict=True)
-    ]
-    best = int(np.argmax(found))
-    if found[best] < 0.5 * birth_evidence:  # a finer step gains less
+    trial = people.with_one(upright_pose((*place, body.HEIGHT_MEAN_M)))
+    start, stature, ratios = trial.person(n)
+    samples = frame.samples_around(start, body.TORSO.torso_radius_m + 0.15)
+    samples.lay_others(trial, np.flatnonzero(frame.share_rays(trial.poses)[n, :n]))
+    fits = []
+    for height_m in (body.HEIGHT_MEAN_M, top_m):
+        start = upright_pose((*place, height_m))
+        pose = start.copy()
+        evidence, _ = samples.ascend(pose, start, SEARCH_PRIOR, stature, ratios, STEPS_M[:1])
+        fits.append((evidence, start, pose))
+    evidence, start, pose = max(fits, key=lambda fit: fit[0])
+    if evidence < 0.5 * least:  # a finer step gains less
         return None
-    pose = poses[best]
-    evidence, curvature = samples.ascend(pose, starts[best], SEARCH_PRIOR, tall, ratios, STEPS_M[1:])
+    evidence, curvature = samples.ascend(pose, start, SEARCH_PRIOR, stature, ratios, STEPS_M[1:])
     # Evidence is a mean over all directions of facing, of which two opposite ones explain like the best one.
     evidence += min(0.0, 0.5 * math.log(2.0 / (math.pi * max(float(curvature[3]), TINY))))
-    mine, known, _ = samples.visible(pose, tall, ratios).tolist()
-    if evidence < birth_evidence or mine < 0.25 * known:
+    own, shown, _ = samples.visible_patches(pose, stature, ratios).tolist()
+    if evidence < least or own < 0.25 * shown:
         return None
-    log_odds = BORN_LOG_ODDS + 0.25 * min(evidence, EVIDENCE_MAX)
-    person = Person.born(pose, *samples.noise(pose, curvature), log_odds, now_s)
-    person.evidence, person.share = evidence, mine / max(known, 1e-6)
-    if not frame.shows_height(pose, *trial.tall[n]):
+    glimpse = Glimpse(evidence, own / max(shown, 1e-6))
+    person = Person.newcomer(pose, *samples.precision(pose, curvature), glimpse, now_s)
+    if not frame.shows_height(pose, *stature):
         person.height_m = body.HEIGHT_MEAN_M
     if frame.coloured:
-        owner = np.zeros(len(points), np.int64)
-        person.learn_colours(colour_counts(1, owner, points[:, 2] / person.height_m, points[:, 4].astype(np.uint8))[0])
+        one = np.zeros(len(cameras), np.int64)
+        counts = colour_counts(1, one, points[2] / person.height_m, points[CODE].astype(np.uint8))
+        person.identity.clothes.learn(counts[0])
     return person
 
 
-def _behind(points: F64, cameras: I64, frame: Explanation) -> F64:
+def _place_behind(points: F64, cameras: I64, frame: Explanation) -> F64:
     """(2,) where the axis of a body is with some points on its surface: half a torso's radius behind their mean, away
     from each camera by its share of them. Between two that see front and back it is the mean."""
-    radius, weights = body.TORSO.torso_radius_m, points[:, 3]
-    place = np.average(points[:, :2], axis=0, weights=weights)
+    radius_m = body.TORSO.torso_radius_m
+    weights = points[LACKING]
+    place = np.average(points[:2].T, axis=0, weights=weights)
     share = np.bincount(cameras, weights, minlength=len(frame.views))
-    out = place - np.array([v.rays.centre_m[:2] for v in frame.views])
-    away = out / np.maximum(np.hypot(*out.T), radius)[:, None]
-    return np.asarray(place + share / share.sum() @ away * 0.5 * radius)
+    out = place - np.array([view.rays.centre_m[:2] for view in frame.views])
+    away = out / np.maximum(np.hypot(*out.T), radius_m)[:, None]
+    return np.asarray(place + share / share.sum() @ away * 0.5 * radius_m)
 
 
 def odds_of_moving(
@@ -172,23 +227,26 @@ def odds_of_moving(
     Args:
         predicted: where each of the people was.
     """
-    everybody, nobody = side_by_side([*people, *born]), np.ones((PARTS, CODES), np.float32)
-    poses, touch = everybody.poses, frame.touching(everybody.poses)
+    everybody = side_by_side([*people, *born])
+    shared = frame.share_rays(everybody.poses)
     odds = np.full((len(people), len(born)), -math.inf)
     reach_m = body.TORSO.torso_radius_m + 0.1
-    for i, (person, before) in enumerate(zip(people, predicted, strict=True)):
-        prior = np.array([before.log_prior(place) for place in poses[:, :2]])
+    for i, person in enumerate(people):
+        prior = np.array([predicted[i].log_prior(place) for place in everybody.poses[:, :2]])
         likely = np.flatnonzero(prior[len(people) :] + p.birth_evidence >= 0.0)
-        if len(likely) == 0 or not person.confirmed or person.share < p.visible_min:
+        visible = person.glimpse.visible_share >= p.visible_min
+        if len(likely) == 0 or not person.confirmed or not visible:
             continue
-        tall, ratios = everybody.tall[i], everybody.ratios[i]
-        own = frame.around(poses[i], reach_m)
-        own.layer(everybody, np.flatnonzero(touch[i]))
-        both = prior[i] + own.evidence(poses[i], tall, ratios) - p.birth_evidence
+        pose, stature, ratios = everybody.person(i)
+        samples = frame.samples_around(pose, reach_m)
+        samples.lay_others(everybody, np.flatnonzero(shared[i]))
+        both = prior[i] + samples.evidence(pose, stature, ratios) - p.birth_evidence
         for k in likely:
             n = len(people) + k
-            there = frame.around(poses[n], reach_m)
-            there.layer(everybody, np.setdiff1d(np.flatnonzero(touch[n]), [i]))
-            moved = prior[n] + there.evidence(poses[n], tall, ratios)
-            odds[i, k] = moved - both - there.evidence(poses[n], everybody.tall[n], nobody)
+            there = everybody.poses[n]
+            samples = frame.samples_around(there, reach_m)
+            samples.lay_others(everybody, np.setdiff1d(np.flatnonzero(shared[n]), [i]))
+            moved = prior[n] + samples.evidence(there, stature, ratios)
+            stranger = samples.evidence(there, everybody.statures[n], NO_COLOURS)
+            odds[i, k] = moved - both - stranger
     return odds

@@ -14,7 +14,19 @@ from planview.tracking import body
 from planview.tracking.explain import _ascent_kernels as ascent
 from planview.tracking.explain import _likelihood_kernels as kernels
 from planview.tracking.explain import samples as gathering
-from planview.tracking.explain.samples import CX, CY, KNOWN, PARTS, Known, Model, SampleArrays, Seen
+from planview.tracking.explain.samples import (
+    CX,
+    CY,
+    PARTS,
+    POSE_PRIOR,
+    Appearance,
+    Model,
+    Others,
+    PosePrior,
+    SampleArrays,
+    Search,
+    ViewArrays,
+)
 
 STEPS_M = np.array([0.12, 0.05])
 """Steps of the ascent: a walker's error of prediction, and half a patch [m]."""
@@ -30,21 +42,30 @@ ANYBODY = np.array([body.HEIGHT_MEAN_M, body.HEIGHT_STD_M])
 THING_START = np.array([1.0, 1.0, 0.8, 1.0, 0.0])
 """The best thing is searched from a person's place and shoulders."""
 ANY_HEIGHT_M = 1e3
+NO_COLOURS = np.ones((PARTS, CODES), np.float32)
+"""Ratios of colours of somebody whose clothes are not known."""
 
 
-def about(std_m: float, height_std_m: float) -> AnyArray:
-    """(1,) of KNOWN: a pose whose place and height are known with these deviations, and nothing of how it faces."""
-    return np.array([Known(std_m**-2, 0.0, std_m**-2, height_std_m**-2)], KNOWN)
+def loose_prior(std_m: float, height_std_m: float) -> AnyArray:
+    """(1,) of POSE_PRIOR: place and height are predicted with these deviations, and any facing is as likely."""
+    return np.array([PosePrior(std_m**-2, 0.0, std_m**-2, height_std_m**-2)], POSE_PRIOR)
 
 
-def upright(pose: Sequence[float]) -> F64:
-    """(5,) pose of x, y, height [m] of somebody who faces along x and does not lean."""
-    return np.array([*pose, 0.0, 0.0])
+def upright_pose(place: Sequence[float]) -> F64:
+    """(5,) pose of somebody of x, y, height [m] who faces along x and does not lean."""
+    return np.array([*place, 0.0, 0.0])
 
 
 class Likelihood(NamedTuple):
-    """What kernels need besides the pixels: ``model``, an array of one ``Model``, the body's table, and (A,) float64
-    ``areas``, how many of its cells a body covers, a mean over postures, by the depression of the ray."""
+    """What kernels need besides the pixels.
+
+    Attributes:
+        model: (1,) array of one ``Model``.
+        table: of the body.
+        areas: (A,) float64 number of cells of the table that a body covers, a mean over postures, by the depression of
+            the ray.
+        disparity_std_px: deviation of a disparity.
+    """
 
     model: Any
     table: body.BodyTable
@@ -53,7 +74,7 @@ class Likelihood(NamedTuple):
 
     @staticmethod
     def of(model: Model, table: body.BodyTable, disparity_std_px: float = 0.0) -> Likelihood:
-        """Of these assumptions; an array of one record costs a call less than a tuple."""
+        """Likelihood under these assumptions; an array of one record costs a call less than a tuple."""
         record = np.array([tuple(model)], dtype=[(name, np.float64) for name in model._fields])
         areas = table.cover.sum(axis=(0, 2, 3)) / len(table.cover)
         return Likelihood(record, table, areas, disparity_std_px)
@@ -65,8 +86,8 @@ class Likelihood(NamedTuple):
         return self._replace(model=model)
 
 
-class Owned(NamedTuple):
-    """The owners of M pixels of one camera.
+class Owners(NamedTuple):
+    """Owners of M pixels of one camera.
 
     Attributes:
         pixels: (M,) int64, row * width + column.
@@ -95,41 +116,50 @@ class People(NamedTuple):
 
     Attributes:
         poses: (N, 5) float64 x, y, height [m], facing [rad], lean [m].
-        sure: (N,) float64 probabilities of existence.
-        tall: (N, 2) float64 height when upright and its deviation [m].
+        existence: (N,) float64 probabilities.
+        statures: (N, 2) float64 height when upright and its deviation [m].
         ratios: (N, PARTS, CODES) float32 colours over those of anybody.
     """
 
     poses: F64
-    sure: F64
-    tall: F64
+    existence: F64
+    statures: F64
     ratios: F32
 
+    def person(self, i: int) -> tuple[F64, F64, F32]:
+        """Pose, stature and colours of one of them."""
+        return self.poses[i], self.statures[i], self.ratios[i]
+
     def with_one(self, pose: F64) -> People:
-        """With one more, unknown person."""
+        """These people and one more, unknown person."""
         return People(
             np.concatenate([self.poses, pose[None]]),
-            np.append(self.sure, 1.0),
-            np.concatenate([self.tall, ANYBODY[None]]),
-            np.concatenate([self.ratios, np.ones((1, PARTS, CODES), np.float32)]),
+            np.append(self.existence, 1.0),
+            np.concatenate([self.statures, ANYBODY[None]]),
+            np.concatenate([self.ratios, NO_COLOURS[None]]),
         )
 
 
-class Found(NamedTuple):
-    """What is found of N people together (``_ascent_kernels.explain``).
+class Fits(NamedTuple):
+    """How well N people explain together (``_ascent_kernels.explain``).
 
     Attributes:
         evidence: (N,) log-likelihood ratio of with to without each, plus the logarithm of the prior of the pose.
         curvature: (N, 6) of that ratio, see ``Samples.ascend``.
-        seen: (N, 3) patches, see ``Samples.visible``.
-        turned: (N, FACINGS / 2) the ratios of an upright body by its facing; 0 where a body looks the same from
+        patches: (N, 3) see ``Samples.visible_patches``.
+        by_facing: (N, FACINGS / 2) the ratios of an upright body by its facing; 0 where a body looks the same from
             everywhere.
     """
 
     evidence: F64
     curvature: F64
-    seen: F64
-    turned: F64
+    patches: F64
+    by_facing: F64
+
+    @staticmethod
+    def empty(n: int) -> Fits:
+        """Room for n people."""
+        return Fits(np.empty(n), np.zeros((n, 6)), np.empty((n, 3)), np.zeros((n, body.FACINGS // 2)))
 
 
 class Explanation:
@@ -138,182 +168,215 @@ class Explanation:
     Args:
         views: what the cameras saw.
         likelihood: of their pixels.
+
+    Attributes:
+        coloured: colours distinguish people: all that is seen of them has a code.
+        arrays: the views as kernels take them.
     """
 
     def __init__(self, views: Sequence[View], likelihood: Likelihood) -> None:
-        self.coloured = bool(likelihood.model["colour"][0] > 0) and all(
-            v.colour is not None or not (v.kind == SURFACE).any() for v in views
-        )
-        """Whether colours distinguish people: all that is seen of them has a code."""
-        self.views, self.likelihood = views, likelihood if self.coloured else likelihood.colourless()
-        self._model = self.likelihood.model[0]
-        self.seen = [self._seen(v) for v in views]
+        self.views = views
+        self.coloured = bool(likelihood.model["colour"][0] > 0) and all(map(_is_coloured, views))
+        self.likelihood = likelihood if self.coloured else likelihood.colourless()
+        self.arrays = [self._arrays_of(view) for view in views]
 
-    def _seen(self, v: View) -> Seen:
-        std_per_m2 = self.likelihood.disparity_std_px / v.rays.disparity_metre
-        return Seen(v.rays, std_per_m2, v.kind, v.range_m, v.colour if v.colour is not None else v.kind)
+    def _arrays_of(self, view: View) -> ViewArrays:
+        std_per_m2 = self.likelihood.disparity_std_px / view.rays.disparity_metre
+        colour = view.colour if view.colour is not None else view.kind
+        return ViewArrays(view.rays, std_per_m2, view.kind, view.range_m, colour)
 
-    def around(self, poses: F64, reach_m: float) -> Samples:
-        """The samples within reach of each of (N, 5) bodies, or of one (5,), of all cameras."""
-        of, room = self.likelihood, gathering.SAMPLES_OF_VIEW * len(self.seen)
-        arrays = SampleArrays.of(len(np.atleast_2d(poses)), room)
-        for seen in self.seen:
-            gathering.gather(np.atleast_2d(poses), reach_m, seen, arrays, of.table, of.model)
-        return Samples(of, arrays if poses.ndim == 2 else arrays.person(0))
+    def samples_around(self, poses: F64, reach_m: float) -> Samples:
+        """Samples of all cameras within reach of each of (N, 5) bodies, or of one (5,)."""
+        bodies = np.atleast_2d(poses)
+        arrays = SampleArrays.empty(len(bodies), gathering.SAMPLES_OF_VIEW * len(self.arrays))
+        for view in self.arrays:
+            gathering.gather(bodies, reach_m, view, arrays, self.likelihood.table, self.likelihood.model)
+        return Samples(self.likelihood, arrays if poses.ndim == 2 else arrays.person(0))
 
     def boxes(self, k: int, poses: F64, half_m: float) -> I64:
         """(N, 4) int64 left, top, right, bottom of bodies in view k [px]."""
         boxes = np.empty((len(poses), 4))
-        gathering.boxes(poses, half_m, self.seen[k], boxes)
+        gathering.boxes(poses, half_m, self.arrays[k], boxes)
         return boxes.astype(np.int64)
 
     def in_view(self, point_m: F64) -> bool:
-        """Whether a point of the world is inside of an image."""
-        for v in self.views:
-            u, w, depth = v.rays.projection @ np.append(point_m[:3], 1.0)
-            rows, cols = v.kind.shape
-            if depth > 0 and 0 <= u <= (cols - 1) * depth and 0 <= w <= (rows - 1) * depth:
+        """True if a point of the world is inside of an image."""
+        for view in self.views:
+            u, v, depth = view.rays.projection @ np.append(point_m[:3], 1.0)
+            rows, cols = view.kind.shape
+            if depth > 0 and 0 <= u <= (cols - 1) * depth and 0 <= v <= (rows - 1) * depth:
                 return True
         return False
 
     def shows_height(self, pose: F64, tall_m: float, std_m: float) -> bool:
-        """Whether the head of a pose is in view and, of one much lower than somebody ``tall_m``, that one's too: else
+        """True if the head of a pose is in view and, of one much lower than somebody ``tall_m``, that one's too: else
         what is in view may be the legs of anybody."""
+        if not self.in_view(pose):
+            return False
         is_low = float(pose[2]) < tall_m - 2.0 * std_m
-        return self.in_view(pose) and (not is_low or self.in_view(np.array([*pose[:2], tall_m])))
+        return not is_low or self.in_view(np.array([*pose[:2], tall_m]))
 
     def shared_std_m(self, pose: F64) -> float:
         """Deviation of a place by the disparity's error that all pixels share, in the camera that shows it best."""
-        away = [(v, math.dist(pose[:2], v.rays.centre_m[:2]), v.rays.centre_m[2] - 0.5 * pose[2]) for v in self.views]
-        return min(SHARED_DISPARITY_PX / v.rays.disparity_metre * math.hypot(far, up) * far for v, far, up in away)
+        stds_m = []
+        for view in self.views:
+            far_m = math.dist(pose[:2], view.rays.centre_m[:2])
+            up_m = view.rays.centre_m[2] - 0.5 * pose[2]
+            stds_m.append(SHARED_DISPARITY_PX / view.rays.disparity_metre * math.hypot(far_m, up_m) * far_m)
+        return min(stds_m)
 
-    def touching(self, poses: F64) -> Bool:
-        """(N, N) whether two people may be on one ray of a camera; nobody with oneself."""
-        touch = np.zeros((len(poses), len(poses)), np.bool_)
-        for seen in self.seen:
-            gathering.mark_touching(poses, BOX_HALF_M, seen, touch)
-        np.fill_diagonal(touch, False)
-        return touch
+    def share_rays(self, poses: F64) -> Bool:
+        """(N, N) pairs of people who may be on one ray of a camera; nobody with oneself."""
+        shared = np.zeros((len(poses), len(poses)), np.bool_)
+        for view in self.arrays:
+            gathering.mark_shared_rays(poses, BOX_HALF_M, view, shared)
+        np.fill_diagonal(shared, False)
+        return shared
 
-    def nearest_first(self, poses: F64) -> I64:
+    def order_by_distance(self, poses: F64) -> I64:
         """(N,) int64 order of people by their distance on the floor from the nearest camera, nearest first."""
-        away = poses[:, :2] - np.array([v.rays.centre_m[:2] for v in self.views])[:, None]
+        cameras_m = np.array([view.rays.centre_m[:2] for view in self.views])
+        away = poses[:, :2] - cameras_m[:, None]
         return np.argsort(np.hypot(away[..., 0], away[..., 1]).min(axis=0))
 
     def whole_patches(self, pose: F64) -> float:
         """Patches of a body that is wholly in view, a mean over the cameras."""
-        table, m, total = self.likelihood.table, self._model, 0.0
-        for v in self.views:
-            away = math.dist(pose[:2], v.rays.centre_m[:2])
-            depression = math.atan2(v.rays.centre_m[2] - 0.5 * pose[2], away)
+        table = self.likelihood.table
+        patch_m = float(self.likelihood.model["patch_m"][0])
+        cell_patches = (table.cell_m * pose[2] / body.TORSO.height_m / patch_m) ** 2
+        total = 0.0
+        for view in self.views:
+            away_m = math.dist(pose[:2], view.rays.centre_m[:2])
+            depression = math.atan2(view.rays.centre_m[2] - 0.5 * pose[2], away_m)
             angle = round((depression - table.angle_min_rad) / table.angle_step_rad)
             area = float(self.likelihood.areas[min(max(angle, 0), table.cover.shape[1] - 1)])
-            total += area * (table.cell_m * pose[2] / body.TORSO.height_m / float(m["patch_m"])) ** 2
+            total += area * cell_patches
         return total / len(self.views)
 
-    def assign_pixels(self, people: People, kind: int = SURFACE) -> list[Owned]:
-        """The owners of the pixels of a kind in each view."""
-        return [self.owned(k, people, np.flatnonzero(v.kind == kind)) for k, v in enumerate(self.views)]
+    def assign_pixels(self, people: People, kind: int = SURFACE) -> list[Owners]:
+        """Owners of the pixels of a kind in each view."""
+        return [self.owners(k, people, np.flatnonzero(view.kind == kind)) for k, view in enumerate(self.views)]
 
-    def owned(self, k: int, people: People, pixels: I64) -> Owned:
-        """The owners of some pixels of view k, all of one kind."""
-        of, samples = self.likelihood, SampleArrays.of(1, len(pixels)).person(0)
-        owner, found = np.empty(len(pixels), np.int64), np.empty((4, len(pixels)), np.float32)
-        gathering.take_pixels(pixels, self.seen[k], samples, of.table, of.model)
+    def owners(self, k: int, people: People, pixels: I64) -> Owners:
+        """Owners of some pixels of view k, all of one kind."""
+        model = self.likelihood.model
+        table = self.likelihood.table
+        samples = SampleArrays.empty(1, len(pixels)).person(0)
+        gathering.take_pixels(pixels, self.arrays[k], samples, table, model)
         everybody = np.arange(len(people.poses))
-        kernels.lay_others(samples, people, everybody, everybody, of.table, of.model)
-        kernels.assign_pixels(samples, people.poses, of.model, owner, found)
-        near = samples.pixels["near"].view(np.bool_)
-        colours, (share, height, patches, lacking) = self.seen[k].colour.reshape(-1)[pixels], found
-        return Owned(pixels, colours, owner, share, height, patches, lacking, near)
+        kernels.lay_others(samples, people, everybody, everybody, table, model)
+        owner = np.empty(len(pixels), np.int64)
+        each = np.empty((4, len(pixels)), np.float32)
+        kernels.assign_pixels(samples, people.poses, model, owner, each)
+        share, height, patches, lacking = each
+        colours = self.arrays[k].colour.reshape(-1)[pixels]
+        return Owners(pixels, colours, owner, share, height, patches, lacking, samples.pixels["near"].view(np.bool_))
+
+
+def _is_coloured(view: View) -> bool:
+    """True if all surface of a view has a colour."""
+    return view.colour is not None or not (view.kind == SURFACE).any()
 
 
 class Samples:
     """The samples around one person, or around each of several, and the layers of others on their rays."""
 
     def __init__(self, likelihood: Likelihood, arrays: SampleArrays) -> None:
-        self._of, self.arrays = likelihood, arrays
-        self._people: People
-        self._others: I64
+        self._table = likelihood.table
+        self._model = likelihood.model
+        self._likelihood = likelihood
+        self.arrays = arrays
+        self._others: Others
 
     def person(self, k: int) -> Samples:
-        """Those of one of several people."""
-        return Samples(self._of, self.arrays.person(k))
+        """Samples of one of several people."""
+        return Samples(self._likelihood, self.arrays.person(k))
 
-    def explain(self, people: People, prior: tuple[AnyArray, ...], order: I64, touch: Bool) -> Found:
+    def explain(self, people: People, priors: tuple[AnyArray, ...], order: I64, shared: Bool) -> Fits:
         """Move several people, in an order, to where they explain best together."""
-        n = len(people.poses)
-        found = Found(np.empty(n), np.zeros((n, 6)), np.empty((n, 3)), np.zeros((n, body.FACINGS // 2)))
-        ascent.explain(people, prior, order, touch, self.arrays, self._of.table, self._of.model, found)
-        return found
+        fits = Fits.empty(len(people.poses))
+        ascent.explain(people, priors, order, shared, self.arrays, self._table, self._model, fits)
+        return fits
 
-    def layer(self, people: People, others: I64, reaching: I64 | None = None) -> None:
-        """Take these people for the others on the rays, whose bodies cannot be entered; ``reaching``: those whose arms
-        and shadows may be on the ground, the others unless given."""
-        self._people, self._others, of = people, others, self._of
+    def lay_others(self, people: People, others: I64, reaching: I64 | None = None) -> None:
+        """Lay these people on the rays, whose bodies cannot be entered; ``reaching``: those whose arms and shadows may
+        be on the ground, the others unless given."""
+        self._others = Others(people, others)
         near = others if reaching is None else reaching
-        kernels.lay_others(self.arrays, people, others, near, of.table, of.model)
+        kernels.lay_others(self.arrays, people, others, near, self._table, self._model)
 
-    def log_ratio(self, pose: F64, tall: F64, ratios: F32) -> float:
+    def log_ratio(self, pose: F64, stature: F64, ratios: F32) -> float:
         """Log-likelihood ratio of one more person at a pose to the others alone."""
-        of = self._of
-        return float(kernels.log_ratio(tuple(pose.tolist()), float(tall[0]), ratios, self.arrays, of.table, of.model))
+        at = tuple(pose.tolist())
+        return float(kernels.log_ratio(at, float(stature[0]), ratios, self.arrays, self._table, self._model))
 
-    def log_prior(self, pose: F64, tall: F64, others: I64 | None = None) -> float:
+    def log_prior(self, pose: F64, stature: F64, others: I64 | None = None) -> float:
         """Logarithm of the prior of a pose; ``others`` are those of the layers unless given."""
-        near = self._people, self._others if others is None else others
-        return float(ascent.log_prior(tuple(pose.tolist()), tuple(tall.tolist()), near, self._of.model))
+        near = self._others if others is None else self._others._replace(which=others)
+        person = Appearance(float(stature[0]), float(stature[1]), NO_COLOURS)
+        return float(ascent.log_prior(tuple(pose.tolist()), person, near, self._model))
 
-    def evidence(self, pose: F64, tall: F64, ratios: F32) -> float:
-        """For a person: both together."""
-        return self.log_ratio(pose, tall, ratios) + self.log_prior(pose, tall)
+    def evidence(self, pose: F64, stature: F64, ratios: F32) -> float:
+        """Evidence for a person: both together."""
+        return self.log_ratio(pose, stature, ratios) + self.log_prior(pose, stature)
 
     def ascend(
-        self, pose: F64, predicted: F64, known: AnyArray, tall: F64, ratios: F32, steps: F64 = STEPS_M
+        self, pose: F64, predicted: F64, prior: AnyArray, stature: F64, ratios: F32, steps: F64 = STEPS_M
     ) -> tuple[float, F64]:
         """Move a pose to where it explains best.
 
         Args:
-            known: (1,) of KNOWN, of the pose before the frame, see ``about``.
+            prior: (1,) of POSE_PRIOR, see ``loose_prior``.
 
         Returns:
             The evidence there; (6,) curvature of the log-likelihood ratio there: along the ray, across it, in height
             [1/m^2], in facing [1/rad^2], in lean and, in masks, along the head's ray [1/m^2].
         """
-        curvature, of = np.zeros(6), self._of
-        evidence = ascent.ascend(
-            pose, curvature, (predicted, known, steps), (*tall.tolist(), ratios), (self._people, self._others),
-            self.arrays, of.table, of.model,
-        )  # fmt: skip
+        curvature = np.zeros(6)
+        search = Search(predicted, prior, steps)
+        person = Appearance(float(stature[0]), float(stature[1]), ratios)
+        evidence = ascent.ascend(pose, curvature, search, person, self._others, self.arrays, self._table, self._model)
         return float(evidence), curvature
 
-    def against_thing(self, pose: F64, tall: F64) -> float:
+    def against_thing(self, pose: F64, stature: F64) -> float:
         """Log-likelihood ratio of a person at a pose to the thing that explains the same pixels best."""
-        nobody = np.ones((PARTS, CODES), np.float32)
-        things, others = [], (self._people, self._others)
+        things = []
         for table in body.thing_tables():
             start = pose * THING_START
-            at, prior = start.copy(), (start, about(body.TORSO.torso_radius_m, math.inf), STEPS_M)
-            size = float(start[2]), ANY_HEIGHT_M, nobody
-            ascent.ascend(at, np.zeros(6), prior, size, others, self.arrays, table, self._of.model)
-            at_end = tuple(at.tolist())
-            things.append(float(kernels.log_ratio(at_end, at_end[2], nobody, self.arrays, table, self._of.model)))
-        return self.log_ratio(pose, tall, nobody) - max(things)
+            search = Search(start, loose_prior(body.TORSO.torso_radius_m, math.inf), STEPS_M)
+            at = start.copy()
+            thing = Appearance(float(start[2]), ANY_HEIGHT_M, NO_COLOURS)
+            ascent.ascend(at, np.zeros(6), search, thing, self._others, self.arrays, table, self._model)
+            end = tuple(at.tolist())
+            things.append(float(kernels.log_ratio(end, end[2], NO_COLOURS, self.arrays, table, self._model)))
+        return self.log_ratio(pose, stature, NO_COLOURS) - max(things)
 
-    def visible(self, pose: F64, tall: F64, ratios: F32) -> F64:
+    def visible_patches(self, pose: F64, stature: F64, ratios: F32) -> F64:
         """(3,) patches of a body that it explains better than all else, that show something, and that are in view."""
-        seen, of = np.empty(3), self._of
-        kernels.visible(tuple(pose.tolist()), (*tall.tolist(), ratios), self.arrays, of.table, of.model, seen)
-        return seen
+        patches = np.empty(3)
+        at = tuple(pose.tolist())
+        kernels.visible_patches(at, float(stature[0]), ratios, self.arrays, self._table, self._model, patches)
+        return patches
 
-    def noise(self, pose: F64, curvature: F64) -> tuple[F64, float]:
+    def precision(self, pose: F64, curvature: F64) -> tuple[F64, float]:
         """Covariance (2, 2) of the place [m^2] and information on the height [1/m^2], from a curvature."""
-        s, (x, y), (n, main, _) = self.arrays, pose[:2].tolist(), self.arrays.size.tolist()
-        ax, ay = (x - float(s.rays[CX, main]), y - float(s.rays[CY, main])) if n else (1.0, 0.0)
-        norm = max(math.hypot(ax, ay), 1e-6)
-        ax, ay = ax / norm, ay / norm
-        va, vc = (max(1.0 / max(b, 5.0), PLACE_STD_MIN_M**2) for b in curvature[:2].tolist())
-        xy = (va - vc) * ax * ay
-        return np.array([[va * ax * ax + vc * ay * ay, xy], [xy, va * ay * ay + vc * ax * ax]]), max(
-            float(curvature[2]), 0.0
-        )
+        n, main, _ = self.arrays.size.tolist()
+        along_x = 1.0
+        along_y = 0.0
+        if n:
+            along_x = float(pose[0]) - float(self.arrays.rays[CX, main])
+            along_y = float(pose[1]) - float(self.arrays.rays[CY, main])
+        norm = max(math.hypot(along_x, along_y), 1e-6)
+        along_x /= norm
+        along_y /= norm
+        along_var = _place_var(float(curvature[0]))
+        across_var = _place_var(float(curvature[1]))
+        xx = along_var * along_x * along_x + across_var * along_y * along_y
+        yy = along_var * along_y * along_y + across_var * along_x * along_x
+        xy = (along_var - across_var) * along_x * along_y
+        return np.array([[xx, xy], [xy, yy]]), max(float(curvature[2]), 0.0)
+
+
+def _place_var(curvature: float) -> float:
+    """Variance of a place along an axis [m^2]."""
+    return max(1.0 / max(curvature, 5.0), PLACE_STD_MIN_M**2)

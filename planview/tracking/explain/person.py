@@ -1,147 +1,272 @@
-"""One person: where, how tall, how surely there, in what clothes."""
+"""One person: place, height, stance, identity, and how surely it exists."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Self
+from typing import NamedTuple, Self
 
 import cv2
 import numpy as np
 
 from calib.types import F32, F64, I64, U8
-from planview.maps.view import CODES, View, smoothing
+from planview.maps.view import View
 from planview.tracking import body
-from planview.tracking.body import HEIGHT_MEAN_M, HEIGHT_STD_M, LEAN_STD_M
+from planview.tracking.explain.clothes import Clothes, colour_ratios
 from planview.tracking.explain.explanation import People
-from planview.tracking.explain.facing import FacingBelief
-from planview.tracking.explain.samples import LEGS_TO, PARTS, TINY, TORSO_TO, Known
+from planview.tracking.explain.facing import FacingDistribution, Gait, Stance
+from planview.tracking.explain.samples import TINY, PosePrior
 from planview.tracking.kalman import FloorKalman
 
-SMOOTHING = smoothing()
-ANY_FACING = math.pi**2 / 3.0
-"""Variance of a direction of which nothing is known [rad^2]."""
-FACING_STD_MAX_RAD = 1.0
-"""Facing is reported when the deviation of its axis is better [rad]."""
-LEANING_M2_PS = 0.02
-"""Variance of the change of a lean within a second [m^2/s]."""
 SHAPE_STD_M = 0.015
 """Deviation of a place along each axis because a body is thicker or thinner than its table [m]: 2 cm along the ray."""
 BENT_SHARE = 0.7
-"""Deviation of a head's place for each metre by which it was found lower than upright or before the feet: how bent
+"""Deviation of a head's place for each metre by which it was seen lower than upright or before the feet: how bent
 bodies stand, and surfaces that look like a lean (our choice: rendered people)."""
 GAIT_M = 0.03
 """A head bobs while walking [m]."""
 HEIGHT_SEEN_STD_M = 0.08
 """Deviation of a height measured in one observation [m]."""
-PRIOR_FRAMES = 2.0
-"""Weight of anybody's colours next to those seen [frames]."""
-COLOURED_FRAMES_MIN = 5
-"""Frames from which on colours distinguish people."""
 SHOWS_S = 1.0
 """A newcomer's colours and head have been seen after this time, or cannot be soon: of somebody next to others [s]. The
 heads of 26 rendered walkers came into view within 0.8 s of their feet."""
-RATIO_MAX = 20.0
-"""Largest ratio of a person's colours to anybody's."""
 BORN_LOG_ODDS = -3.9
-"""Of a newcomer before its first observation: one in fifty."""
+"""Log-odds of a newcomer before its first observation: one in fifty."""
 OUTLINE_PATCHES = 0.5
-"""Narrower strips of new surface are the outline's noise [patches]."""
+"""Narrower strips of new surface are noise of the outline [patches]."""
+EVIDENCE_MAX = 6.0
+"""Largest evidence of one observation for or against a person, as a log-odds."""
+
+
+@dataclass(eq=False)
+class Stature:
+    """Height of a person when upright.
+
+    Attributes:
+        mean_m, var: estimate [m] and its variance.
+    """
+
+    mean_m: float = body.HEIGHT_MEAN_M
+    var: float = body.HEIGHT_STD_M**2
+
+    @property
+    def std_m(self) -> float:
+        """Deviation of the height of somebody upright in one frame [m]."""
+        return math.hypot(math.sqrt(self.var), GAIT_M)
+
+    def learn(self, height_m: float, fresh: float, low_share: float) -> None:
+        """Learn from the present height, as far as the person is upright now."""
+        std_m = self.std_m
+        off_m = height_m - self.mean_m
+        upright = (1 - low_share) * math.exp(-0.5 * (off_m / std_m) ** 2) / std_m
+        lower = low_share * math.sqrt(2 * math.pi) / self.mean_m
+        measured_var = HEIGHT_SEEN_STD_M**2 / max(fresh, 1e-3)
+        gain = self.var / (self.var + measured_var) * upright / (upright + lower)
+        self.mean_m += gain * off_m
+        self.var *= 1 - gain
+
+
+@dataclass(eq=False)
+class Walk:
+    """How far a track has moved from where it began.
+
+    Attributes:
+        origin_m: where it began.
+        farthest_m: farthest from there [m].
+        evidence: that it moves by itself, as the tracker counts it.
+    """
+
+    origin_m: tuple[float, float]
+    farthest_m: float = 0.0
+    evidence: float = 0.0
+
+    def extend(self, at_m: tuple[float, float], std_m: float = 0.0) -> float:
+        """Take in a place known to ``std_m``; return how much farther from the origin it surely is than before [m]."""
+        farther_m = max(0.0, math.dist(self.origin_m, at_m) - std_m - self.farthest_m)
+        self.farthest_m += farther_m
+        return farther_m
+
+
+@dataclass(eq=False)
+class Identity:
+    """What belongs to a person and not to the place where it stands.
+
+    Attributes:
+        track_id: negative until confirmed, then positive; unique in a run.
+    """
+
+    track_id: int
+    walk: Walk
+    stature: Stature = field(default_factory=Stature)
+    clothes: Clothes = field(default_factory=Clothes)
+
+
+class Sighting(NamedTuple):
+    """When and where a person was seen, and how fast it was.
+
+    Attributes:
+        time_s: of the observation.
+        kalman: place and speed then.
+    """
+
+    time_s: float
+    kalman: FloorKalman
+
+    @property
+    def at_m(self) -> tuple[float, float]:
+        """Place on the floor."""
+        return self.kalman.x_m, self.kalman.y_m
+
+
+class Glimpse(NamedTuple):
+    """What a frame shows of a person.
+
+    Attributes:
+        evidence: log-likelihood ratio of with to without the person, plus the logarithm of the prior of the pose.
+        visible_share: of the body, of what shows something.
+        shown_share: share of the body in view of which the frame shows something.
+        inside_share: share of the body inside the image.
+        patches: of the body in view.
+        head_in_view: the top of the head is inside of an image.
+        shape: log-likelihood ratio of a person's shape to a thing's.
+        shared_std_m: deviation of the place by the error of disparity that all pixels share [m].
+    """
+
+    evidence: float
+    visible_share: float
+    shown_share: float = 1.0
+    inside_share: float = 1.0
+    patches: float = 0.0
+    head_in_view: bool = False
+    shape: float = 0.0
+    shared_std_m: float = 0.0
+
+    @staticmethod
+    def of(
+        evidence: float, patches: F64, inside_share: float, head_in_view: bool = True, shared_std_m: float = 0.0
+    ) -> Glimpse:
+        """Glimpse by the (3,) patches of ``Samples.visible_patches``."""
+        own, shown, in_view = patches.tolist()
+        uncut = min(1.0, 1.25 * inside_share)  # the border may cut off a fifth
+        visible_share = own / max(shown, TINY) * uncut
+        shown_share = shown / in_view if in_view else 1.0
+        return Glimpse(
+            evidence, visible_share, shown_share, inside_share, in_view, head_in_view, shared_std_m=shared_std_m
+        )
+
+
+@dataclass(eq=False)
+class Proof:
+    """Independent evidence, while a newcomer is not confirmed, that it exists and is no thing.
+
+    Attributes:
+        log_odds: of existence.
+        shape: log-likelihood ratio of a person's shape to a thing's.
+        height_patches: over which the head has been in view.
+        upright_density: mean density of the heights there as those of anybody upright [1/m].
+        spent: by the camera's place in the rig (H, W) uint8, 1 where a pixel has been evidence; empty before the first
+            frame.
+    """
+
+    log_odds: float = BORN_LOG_ODDS
+    shape: float = 0.0
+    height_patches: float = 0.0
+    upright_density: float = 0.0
+    spent: dict[int, U8] = field(default_factory=dict)
+
+    def count(self, shown: Sequence[tuple[View, I64, F32]], glimpse: Glimpse) -> None:
+        """Add the evidence of pixels that have not been evidence before.
+
+        A wrong pixel that stays the same is one error, however often it is seen: an observation is as independent
+        of those before it as the share of the body that is new. The first frame adds nothing: the search for the person
+        has spent it.
+
+        Args:
+            shown: every view, (M,) the person's pixels in it and (M,) the patches that each of them is.
+        """
+        first = not self.spent
+        new_patches = 0.0
+        for camera, (view, pixels, patches) in enumerate(shown):
+            if len(pixels) == 0:
+                continue
+            spent = self.spent.setdefault(camera, np.zeros(view.kind.shape, np.uint8))
+            per_pixel = float(patches.mean())
+            fresh: U8 = np.zeros_like(spent)
+            fresh.reshape(-1)[pixels] = 1
+            fresh[spent > 0] = 0
+            if not first:
+                side = max(1, round(OUTLINE_PATCHES / math.sqrt(per_pixel)))
+                square = np.ones((side, side), np.uint8)
+                fresh = np.asarray(cv2.morphologyEx(fresh, cv2.MORPH_OPEN, square), np.uint8)
+                new_patches += per_pixel * cv2.countNonZero(fresh)
+            spent |= fresh
+        new_share = min(new_patches / max(glimpse.patches, 1.0), 1.0)
+        self.log_odds += new_share * max(glimpse.evidence, 0.0)
+        self.shape += new_share * glimpse.shape
+
+    def count_height(self, height_m: float, glimpse: Glimpse, low_share: float) -> None:
+        """Add a height by how much of the body shows: a single frame may show somebody else behind a thing."""
+        density = body.height_density(height_m, body.HEIGHT_MEAN_M, body.HEIGHT_STD_M, low_share)
+        upright = density - low_share / body.HEIGHT_MEAN_M
+        patches = glimpse.visible_share * glimpse.shown_share * glimpse.patches
+        self.height_patches += patches
+        self.upright_density += (upright - self.upright_density) * patches / max(self.height_patches, TINY)
 
 
 @dataclass(eq=False)
 class Person:
-    """A person followed.
+    """A person who is followed.
 
     Attributes:
-        track_id: negative until confirmed, then positive; unique in a run.
+        identity: what belongs to the person and not to the place.
         kalman: place and speed on the floor.
         height_m, height_var: of the head's top now [m], and its variance.
-        facing, facing_var: where the chest of the pose that explains best points, counterclockwise from x [rad], and
-            the variance within which the next pose is searched.
-        facings: how probably the chest points to each side.
-        lean_m, lean_var: head before the feet [m], and its variance.
+        stance: where the chest points, and the lean.
         log_odds: of existence.
-        seen_s: time of the last observation that measured the place.
-        seen: place and speed then.
-        tall_m, tall_var: height when upright [m], and its variance.
-        born_s, born_m: when and where it was seen first.
-        blind_s: for how long since then images have shown nothing, or have lost their colours [s].
-        origin_m: where the track began.
-        walked_m: farthest from there [m].
-        moved: log-odds of a person against a thing from moving by itself.
-        shape: log-likelihood ratio of a person's shape to a thing's in the last frame.
-        likeness: the same from independent evidence, see ``count_evidence``.
-        colours: (PARTS, CODES) float32, sums of normalised histograms of legs, torso and head.
-        densities: (PARTS, CODES) float32 of colours, neighbours and anybody's prior taken in.
-        coloured_frames: in which colours were learned.
+        first_seen, last_seen: first observation, and last one that measured the place.
+        glimpse: what the last frame shows of the person.
+        proof: independent evidence while not confirmed.
         confirmed: has been reported, and is until the end.
-        evidence: of the last frame: log-likelihood ratio of with to without the person, plus the prior of the pose.
-        shared_m: deviation of the place by the error of disparity that all pixels share [m].
-        share: visible share of the body in the last frame, of what shows something.
-        known: share of the body in view of which the last frame shows something.
-        unseen_s: for how long it has been looked for in vain [s].
-        inside: share of the body inside the image.
-        patches: of the body in view in the last frame.
-        head_in_view: whether the top of the head was inside of an image in the last frame.
-        height_patches: over which the head has been in view while unconfirmed.
-        upright_density: mean density of the heights there as those of anybody upright [1/m].
-        proven: log-odds of existence from independent evidence, see ``count_evidence``.
-        counted: by the camera's place in the rig (H, W) uint8, 1 where a pixel has been evidence; empty before the
-            first frame, and when confirmed.
+        unseen_s: for how long the person has been looked for in vain [s].
+        blind_s: for how long images have shown nothing since the first observation, or have lost their colours [s].
     """
 
-    track_id: int
+    identity: Identity
     kalman: FloorKalman
     height_m: float
+    height_var: float
+    stance: Stance
     log_odds: float
-    seen_s: float
-    seen: FloorKalman
-    height_var: float = HEIGHT_STD_M**2
-    facing: float = 0.0
-    facing_var: float = ANY_FACING
-    facings: FacingBelief = field(default_factory=FacingBelief.unknown)
-    lean_m: float = 0.0
-    lean_var: float = LEAN_STD_M**2
-    tall_m: float = HEIGHT_MEAN_M
-    tall_var: float = HEIGHT_STD_M**2
-    born_s: float = 0.0
-    born_m: tuple[float, float] = (0.0, 0.0)
-    blind_s: float = 0.0
-    origin_m: tuple[float, float] = (0.0, 0.0)
-    walked_m: float = 0.0
-    moved: float = 0.0
-    shape: float = 0.0
-    likeness: float = 0.0
-    colours: F32 = field(default_factory=lambda: np.zeros((PARTS, CODES), np.float32))
-    densities: F32 = field(default_factory=lambda: np.full((PARTS, CODES), 1 / CODES, np.float32))
-    coloured_frames: int = 0
+    first_seen: Sighting
+    last_seen: Sighting
+    glimpse: Glimpse
+    proof: Proof = field(default_factory=Proof)
     confirmed: bool = False
-    evidence: float = 0.0
-    shared_m: float = 0.0
-    share: float = 1.0
-    known: float = 1.0
     unseen_s: float = 0.0
-    inside: float = 1.0
-    patches: float = 0.0
-    head_in_view: bool = False
-    height_patches: float = 0.0
-    upright_density: float = 0.0
-    proven: float = BORN_LOG_ODDS
-    counted: dict[int, U8] = field(default_factory=dict)
+    blind_s: float = 0.0
 
     @classmethod
-    def born(cls, pose: F64, noise: F64, up: float, log_odds: float, now_s: float) -> Self:
-        """A newcomer without id at a pose, with what was measured there (``Samples.noise``)."""
-        kalman = FloorKalman.measured(pose[:2], noise)
-        at_m = kalman.x_m, kalman.y_m
-        height_var = 1.0 / (1.0 / HEIGHT_STD_M**2 + up)
-        facing, lean_m = pose[3:].tolist()
+    def newcomer(cls, pose: F64, noise: F64, height_information: float, glimpse: Glimpse, now_s: float) -> Self:
+        """Somebody without an id at a pose, with what was measured there (``Samples.precision``)."""
+        kalman = FloorKalman.from_measurement(pose[:2], noise)
+        seen = Sighting(now_s, kalman)
+        facing_rad, lean_m = pose[3:].tolist()
+        height_var = 1.0 / (1.0 / body.HEIGHT_STD_M**2 + height_information)
+        log_odds = BORN_LOG_ODDS + 0.25 * min(glimpse.evidence, EVIDENCE_MAX)
         return cls(
-            0, kalman, float(pose[2]), log_odds, now_s, kalman, height_var, facing, lean_m=lean_m, born_s=now_s,
-            born_m=at_m, origin_m=at_m,
+            Identity(0, Walk(seen.at_m)), kalman, float(pose[2]), height_var, Stance(facing_rad, lean_m), log_odds,
+            seen, seen, glimpse,
         )  # fmt: skip
+
+    @property
+    def track_id(self) -> int:
+        """Negative until confirmed, then positive; unique in a run."""
+        return self.identity.track_id
+
+    @track_id.setter
+    def track_id(self, track_id: int) -> None:
+        self.identity.track_id = track_id
 
     @property
     def at_m(self) -> tuple[float, float]:
@@ -151,75 +276,33 @@ class Person:
     @property
     def pose(self) -> F64:
         """(5,) float64 x, y, height [m], facing [rad], lean [m]."""
-        return np.array([*self.at_m, self.height_m, self.facing, self.lean_m])
+        return np.array([*self.at_m, self.height_m, self.stance.facing_rad, self.stance.lean_m])
 
     @property
     def head_m(self) -> tuple[float, float]:
         """Place below the head."""
-        x_m, y_m = self.at_m
-        return x_m + self.lean_m * math.cos(self.facing), y_m + self.lean_m * math.sin(self.facing)
+        facing_rad = self.stance.facing_rad
+        lean_m = self.stance.lean_m
+        return self.kalman.x_m + lean_m * math.cos(facing_rad), self.kalman.y_m + lean_m * math.sin(facing_rad)
 
     @property
     def head_std_m(self) -> float:
         """Deviation of the place below the head along each axis of the floor [m]: of the filter, of what all pixels
         have in common, and of how a body is shaped and stands."""
-        bent_m = BENT_SHARE * (max(self.tall_m - self.height_m, 0.0) + self.lean_m)
+        lower_m = max(self.identity.stature.mean_m - self.height_m, 0.0)
+        bend_std_m = BENT_SHARE * (lower_m + self.stance.lean_m)
         place_var = 0.5 * float(np.trace(self.kalman.covariance[:2, :2]))
-        return math.sqrt(place_var + self.shared_m**2 + SHAPE_STD_M**2 + bent_m**2)
+        return math.sqrt(place_var + self.glimpse.shared_std_m**2 + SHAPE_STD_M**2 + bend_std_m**2)
 
     @property
-    def still(self) -> float:
-        """How surely the person stands or strolls, whatever the facing, rather than walks ahead: 0 to below 1."""
-        k = self.kalman
-        spread = body.STROLL_MPS**2 + float(k.covariance[2, 2] + k.covariance[3, 3])
-        return spread / (spread + max(k.vx_mps**2 + k.vy_mps**2, 1e-6))
-
-    @property
-    def prior(self) -> Known:
-        """What is known of the pose before a frame."""
-        k, back, still = self.kalman, 1.0 - self.facings.near(self.facing)[1], self.still
-        walk = 1.0 / (body.SIDEWARD_RAD**2 + still / (1.0 - still))
-        heading = math.atan2(k.vy_mps, k.vx_mps)
-        return Known(*k.information, 1.0 / self.height_var, 1.0 / self.facing_var, back, walk, heading)
-
-    @property
-    def faces(self) -> tuple[float, float]:
-        """Where the chest points, -180 to 180 [deg], and how probably this is not back to front; NaN while the axis is
-        not known."""
-        if self.facings.axis_var >= FACING_STD_MAX_RAD**2:
-            return math.nan, math.nan
-        facing, probability = self.facings.best
-        return math.degrees(facing), probability
-
-    def predict_facing(self, dt: float) -> None:
-        """Where a person faces and leans is known less surely after dt [s]."""
-        self.facings = self.facings.predicted(dt, self.still)
-        self.facing_var = min(self.facing_var + body.TURNING_RAD2_PS * dt, ANY_FACING)
-        self.lean_var = min(self.lean_var + LEANING_M2_PS * dt, LEAN_STD_M**2)
-
-    def measure_facing(self, pose: F64, log_ratios: F64, curvature: F64, fresh: float) -> None:
-        """Take over how a pose faces and leans.
-
-        Args:
-            log_ratios: (FACINGS / 2,) of the body there by its facing.
-            curvature: (2,) of the log-likelihood ratio in the facing and in the lean.
-            fresh: the independent share of this frame.
-        """
-        if not log_ratios.any():  # seen so that a body looks the same from everywhere
-            return
-        prior, before = self.prior, self.facing
-        self.facings = self.facings.seen(log_ratios, fresh, prior.walk, prior.heading)
-        self.facing = math.remainder(float(pose[3]), 2.0 * math.pi)
-        self.facing_var = 1.0 / (1.0 / self.facing_var + fresh * (max(float(curvature[0]), 0.0) + prior.walk))
-        gain = 1.0 - 1.0 / (1.0 + fresh * max(float(curvature[1]), 0.0) * self.lean_var)
-        lean_m = self.lean_m * math.cos(self.facing - before)
-        self.lean_m, self.lean_var = max(lean_m + gain * (float(pose[4]) - lean_m), 0.0), self.lean_var * (1.0 - gain)
-
-    def see(self, visible: F64, inside: float) -> None:
-        """Take over the patches of a frame (``Samples.visible``), and the share of the body inside the image."""
-        mine, known, self.patches = visible.tolist()
-        self.inside, self.known = inside, known / self.patches if self.patches else 1.0
-        self.share = mine / max(known, TINY) * min(1.0, 1.25 * inside)  # the border may cut off a fifth
+    def pose_prior(self) -> PosePrior:
+        """Precision of the predicted pose before a frame."""
+        gait = Gait.of(self.kalman)
+        facing = 1.0 / self.stance.facing_var
+        return PosePrior(
+            *self.kalman.information, 1.0 / self.height_var, facing, self.stance.backward, gait.concentration,
+            gait.heading_rad,
+        )  # fmt: skip
 
     @property
     def existence(self) -> float:
@@ -227,106 +310,48 @@ class Person:
         return 1.0 / (1.0 + math.exp(-self.log_odds))
 
     @property
-    def upright(self) -> tuple[float, float]:
-        """Height when upright and its deviation in one frame [m]."""
-        return self.tall_m, math.hypot(math.sqrt(self.tall_var), GAIT_M)
-
-    def shows_more_after(self, now_s: float, coloured: bool) -> bool:
-        """Whether more will show of somebody who it is: the head or, where images are ``coloured``, the colours soon,
-        or more than half of the body or the head."""
-        soon = now_s - self.born_s - self.blind_s < SHOWS_S
-        cut_off = not self.head_in_view and self.inside < 0.5
-        colours = self.coloured_frames < COLOURED_FRAMES_MIN and (cut_off or (soon and coloured))
-        return colours or (soon and not self.head_in_view)
-
-    @property
-    def standing(self) -> tuple[bool, float, int]:
-        """Larger for who is more surely there; of two equally sure ones, for who came first."""
+    def seniority(self) -> tuple[bool, float, int]:
+        """Larger for whoever exists more surely; of two equally sure ones, for whoever came first."""
         return self.confirmed, self.log_odds, -abs(self.track_id)
 
-    def count_evidence(self, owned: Sequence[tuple[View, I64, F32]]) -> None:
-        """Add the evidence of pixels that have not been evidence before.
+    def measure_height(self, height_m: float, information: float) -> None:
+        """Take over the height of the pose that explains best; ``information`` on it [1/m^2]."""
+        self.height_m = height_m
+        self.height_var = 1.0 / (1.0 / self.height_var + information)
 
-        A wrong pixel that stays the same is one error, however often it is seen: an observation is as independent
-        of those before it as the share of the body that is new. The first one found the person: the search spent it.
+    def assume_upright(self) -> None:
+        """Take the height when upright for the present one, which does not show without the head."""
+        stature = self.identity.stature
+        self.height_m = stature.mean_m
+        self.height_var = stature.std_m**2
 
-        Args:
-            owned: every view, (M,) the person's pixels in each and (M,) the patches that each is.
-        """
-        first, new_patches = not self.counted, 0.0
-        for camera, (view, pixels, patches) in enumerate(owned):
-            if len(pixels) == 0:
-                continue
-            counted = self.counted.setdefault(camera, np.zeros(view.kind.shape, np.uint8))
-            per_pixel = float(patches.mean())
-            fresh: U8 = np.zeros_like(counted)
-            fresh.reshape(-1)[pixels] = 1
-            fresh[counted > 0] = 0
-            if not first:
-                side = max(1, round(OUTLINE_PATCHES / math.sqrt(per_pixel)))
-                fresh = np.asarray(cv2.morphologyEx(fresh, cv2.MORPH_OPEN, np.ones((side, side), np.uint8)), np.uint8)
-                new_patches += per_pixel * cv2.countNonZero(fresh)
-            counted |= fresh
-        share_new = min(new_patches / max(self.patches, 1.0), 1.0)
-        self.proven += share_new * max(self.evidence, 0.0)
-        self.likeness += share_new * self.shape
+    def will_show_more(self, now_s: float, coloured: bool) -> bool:
+        """True while the head or, where images are ``coloured``, the clothes will soon show who this is, or while more
+        than half of the body and the head are outside."""
+        soon = now_s - self.first_seen.time_s - self.blind_s < SHOWS_S
+        head_hidden = not self.glimpse.head_in_view
+        if soon and head_hidden:
+            return True
+        cut_off = head_hidden and self.glimpse.inside_share < 0.5
+        return not self.identity.clothes.distinguish and (cut_off or (soon and coloured))
 
-    def count_height(self, low_share: float) -> None:
-        """Add the height to those that tell a person from a thing, by how much shows: one frame's may be of somebody
-        else who shows behind a thing."""
-        upright = body.stature(self.height_m, HEIGHT_MEAN_M, HEIGHT_STD_M, low_share) - low_share / HEIGHT_MEAN_M
-        patches = self.share * self.known * self.patches
-        self.height_patches += patches
-        self.upright_density += (upright - self.upright_density) * patches / max(self.height_patches, TINY)
-
-    def learn_height(self, fresh: float, low_share: float) -> None:
-        """Learn the height when upright from the present height, as far as the person is upright now."""
-        _, std = self.upright
-        off = self.height_m - self.tall_m
-        upright = (1 - low_share) * math.exp(-0.5 * (off / std) ** 2) / std
-        lower = low_share * math.sqrt(2 * math.pi) / self.tall_m
-        gain = self.tall_var / (self.tall_var + HEIGHT_SEEN_STD_M**2 / max(fresh, 1e-3)) * upright / (upright + lower)
-        self.tall_m += gain * off
-        self.tall_var *= 1 - gain
-
-    def learn_colours(self, counts: F32) -> None:
-        """Add the (PARTS, CODES) colours of a frame's pixels that the person surely owns."""
-        pixels = counts.sum(axis=1, keepdims=True)
-        seen = pixels[:, 0] > 5
-        self.colours[seen] += counts[seen] / pixels[seen]
-        self.coloured_frames += bool(seen.any())
-        mass = self.colours @ SMOOTHING + PRIOR_FRAMES / CODES
-        self.densities = mass / mass.sum(axis=1, keepdims=True)
-
-    def take_identity(self, other: Person) -> None:
-        """Exchange with another person everything that belongs to the identity and not to the place."""
-        colours = "colours", "densities", "coloured_frames"
-        for name in ("track_id", *colours, "tall_m", "tall_var", "origin_m", "walked_m", "moved"):
-            mine = getattr(self, name)
-            setattr(self, name, getattr(other, name))
-            setattr(other, name, mine)
+    def swap_identity(self, other: Person) -> None:
+        """Exchange identities with another person: both stay where they are."""
+        own = self.identity
+        self.identity = other.identity
+        other.identity = own
 
 
-def colour_counts(n: int, owner: I64, heights: F64 | F32, codes: U8) -> F32:
-    """(n, PARTS, CODES) float32: pixels by owner, part of the body and colour; ``heights`` are relative."""
-    part = (heights >= LEGS_TO).astype(np.int64) + (heights >= TORSO_TO)
-    counts = np.bincount((owner * PARTS + part) * CODES + codes, minlength=n * PARTS * CODES)
-    return counts.reshape(n, PARTS, CODES).astype(np.float32)
-
-
-def colour_ratios(people: Sequence[Person]) -> F32:
-    """(N, PARTS, CODES) float32: colours of each person over those of anybody."""
-    if not people:
-        return np.ones((0, PARTS, CODES), np.float32)
-    densities = np.stack([q.densities for q in people])
-    anybody = 0.5 * densities.mean(axis=0) + 0.5 / CODES
-    return np.asarray(np.clip(densities / anybody, 1 / RATIO_MAX, RATIO_MAX), dtype=np.float32)
+RECORDS = Person, Identity, Walk, Stature, Clothes, Sighting, Glimpse, Proof, Stance, FacingDistribution, FloorKalman
+"""Types of a person's state, for checkpoints."""
 
 
 def side_by_side(people: Sequence[Person], ratios: F32 | None = None) -> People:
-    """The arrays of these people; ``ratios`` of their colours where they are known already."""
-    poses = np.array([q.pose for q in people]).reshape(-1, 5)
-    tall = np.array([q.upright for q in people]).reshape(-1, 2)
-    return People(
-        poses, np.array([q.existence for q in people]), tall, colour_ratios(people) if ratios is None else ratios
-    )
+    """Arrays of these people; ``ratios`` of their colours if they are computed already."""
+    if ratios is None:
+        ratios = colour_ratios([person.identity.clothes for person in people])
+    poses = np.array([person.pose for person in people]).reshape(-1, 5)
+    statures = [person.identity.stature for person in people]
+    heights = np.array([(stature.mean_m, stature.std_m) for stature in statures]).reshape(-1, 2)
+    existence = np.array([person.existence for person in people])
+    return People(poses, existence, heights, ratios)

@@ -13,14 +13,13 @@ from calib.types import F64, Bool
 from planview.maps.view import CODES
 from planview.tracking import body
 from planview.tracking.base import NO_BOX, Box, Decision, DecisionKind, LifeCycle, state_of
-from planview.tracking.explain.births import EVIDENCE_MAX
-from planview.tracking.explain.explanation import STEPS_M, Explanation, Found, Owned, People, Samples
-from planview.tracking.explain.facing import FacingBelief
-from planview.tracking.explain.identity import Exchanges, continued
+from planview.tracking.explain.clothes import colour_counts
+from planview.tracking.explain.explanation import STEPS_M, Explanation, Fits, Owners, People, Samples
+from planview.tracking.explain.facing import Gait
+from planview.tracking.explain.identity import Exchanges, Match, match_newcomers
 from planview.tracking.explain.params import PeopleParams
-from planview.tracking.explain.person import Person, colour_counts
-from planview.tracking.explain.samples import KNOWN, PARTS
-from planview.tracking.kalman import FloorKalman
+from planview.tracking.explain.person import EVIDENCE_MAX, RECORDS, Person, Sighting
+from planview.tracking.explain.samples import PARTS, POSE_PRIOR
 from planview.trajectories.state import TrackState
 
 HEIGHT_CHANGE_MPS = 0.6
@@ -40,7 +39,7 @@ class ExplainingTracker(Carried, Generic[P, Q]):
     """
 
     CARRIED: ClassVar[tuple[str, ...]] = ("_people", "_departed", "_exchanges", "_life")
-    RECORDS: ClassVar[Records] = (Person, FloorKalman, FacingBelief)
+    RECORDS: ClassVar[Records] = RECORDS
 
     def __init__(self, params: Q) -> None:
         self.params = params
@@ -59,82 +58,93 @@ class ExplainingTracker(Carried, Generic[P, Q]):
         return self._life.decisions
 
     def _begin(self, now_s: float) -> float:
-        """Predict everybody; the time since the last frame [s]."""
-        dt = self._life.begin(now_s)
+        """Predict everybody into a frame; return the time since the last one [s]."""
+        dt_s = self._life.begin(now_s)
         for person in self._people:
-            if person.share < 2 * self.params.visible_min:
-                person.kalman = person.kalman.slowed(dt * person.known, body.SLOW_DOWN_S)
-            person.kalman = person.kalman.predicted(dt, body.ACCELERATION_MPS2)
-            person.height_var += HEIGHT_CHANGE_MPS**2 * dt * min(dt, self.params.errors_s)
-            person.predict_facing(dt)
-        return dt
+            if person.glimpse.visible_share < 2 * self.params.visible_min:
+                person.kalman = person.kalman.slow_down(dt_s * person.glimpse.shown_share, body.SLOW_DOWN_S)
+            person.kalman = person.kalman.predict(dt_s, body.ACCELERATION_MPS2)
+            person.height_var += HEIGHT_CHANGE_MPS**2 * dt_s * min(dt_s, self.params.errors_s)
+            person.stance.predict(dt_s, Gait.of(person.kalman).still)
+        return dt_s
+
+    def _fresh(self, dt_s: float) -> float:
+        """Share of a frame that is independent of the last one."""
+        return min(1.0, dt_s / self.params.errors_s)
+
+    def _is_visible(self, person: Person) -> bool:
+        """True if enough of a person shows for the place to be measured."""
+        return person.glimpse.visible_share >= self.params.visible_min
 
     # -- explaining a frame ---------------------------------------------------------------------------------------
-    def _ascend(self, frame: Explanation, people: People, touch: Bool) -> tuple[Samples, Found]:
-        """Coordinate ascent, nearest first.
+    def _ascend(self, frame: Explanation, people: People, shared: Bool) -> tuple[Samples, Fits]:
+        """Move everybody to where they explain best, the nearest first, by coordinate ascent.
 
         Args:
-            touch: (N, N) who may be on a ray of whom.
-
-        Returns:
-            The samples, and what is found of everybody.
+            shared: (N, N) who may be on a ray of whom.
         """
-        predicted, order = people.poses.copy(), frame.nearest_first(people.poses)
-        samples = frame.around(predicted, body.TORSO.torso_radius_m + 0.1)
-        fine = np.array([person.kalman.position_std_m < STEPS_M[1] for person in self._people], np.int64)
-        known = np.array([person.prior for person in self._people], KNOWN)
-        return samples, samples.explain(people, (predicted, known, STEPS_M, fine), order, touch)
+        predicted = people.poses.copy()
+        samples = frame.samples_around(predicted, body.TORSO.torso_radius_m + 0.1)
+        first_step = np.array([person.kalman.position_std_m < STEPS_M[1] for person in self._people], np.int64)
+        known = np.array([person.pose_prior for person in self._people], POSE_PRIOR)
+        order = frame.order_by_distance(people.poses)
+        return samples, samples.explain(people, (predicted, known, STEPS_M, first_step), order, shared)
 
-    def _measure(self, person: P, s: Samples, pose: F64, curvature: F64, turned: F64, dt: float) -> None:
-        """The place, the height and the facing, as far as the pixels show them."""
-        if person.share < self.params.visible_min:
+    def _measure(self, person: P, samples: Samples, pose: F64, curvature: F64, turned: F64, dt_s: float) -> None:
+        """Take over place, height and facing of a pose, as far as the pixels show them."""
+        if not self._is_visible(person):
             return
-        noise, up = s.noise(pose, curvature)
-        if not person.head_in_view:
+        noise, height_information = samples.precision(pose, curvature)
+        if not person.glimpse.head_in_view:
             noise = noise + STEP_STD_M**2 * np.eye(2)
         # The speed of a newcomer is hardly known, and hardly anybody runs.
         fastest_mps = math.inf if person.confirmed else body.SPEED_MAX_MPS
-        person.kalman = person.kalman.found_at(pose[:2], noise, fastest_mps)
-        fresh = min(1.0, dt / self.params.errors_s)
-        person.measure_facing(pose, turned, curvature[3:5], fresh)
-        if person.head_in_view:
-            person.height_m, person.height_var = float(pose[2]), 1.0 / (1.0 / person.height_var + up * fresh)
-        else:  # whatever is in view, nobody's height shows without the head
-            person.height_m, person.height_var = person.tall_m, person.upright[1] ** 2
-        person.seen, person.seen_s, person.unseen_s = person.kalman, self._life.now_s, 0.0
+        person.kalman = person.kalman.correct_to(pose[:2], noise, fastest_mps)
+        fresh = self._fresh(dt_s)
+        person.stance.measure(pose, turned, curvature[3:5], fresh, Gait.of(person.kalman))
+        if person.glimpse.head_in_view:
+            person.measure_height(float(pose[2]), height_information * fresh)
+        else:
+            person.assume_upright()
+        person.last_seen = Sighting(self._life.now_s, person.kalman)
+        person.unseen_s = 0.0
 
-    def _weigh(self, person: P, dt: float, away_s: float) -> None:
+    def _weigh(self, person: P, dt_s: float, away_s: float) -> None:
         """Update the existence: an unseen person stays for ``away_s`` on average, as far as there is anything to see;
         then add the frame's evidence."""
-        p, fresh = self.params, min(1.0, dt / self.params.errors_s)
-        if person.share < p.visible_min:
-            person.unseen_s += dt * person.known
-            stays = person.existence * math.exp(-dt * person.known / away_s)
+        glimpse = person.glimpse
+        fresh = self._fresh(dt_s)
+        visible = self._is_visible(person)
+        if not visible:
+            person.unseen_s += dt_s * glimpse.shown_share
+            stays = person.existence * math.exp(-dt_s * glimpse.shown_share / away_s)
             person.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
-        if person.known > 0.0:  # else the evidence is the prior of the pose alone
-            person.log_odds += fresh * max(-EVIDENCE_MAX, min(EVIDENCE_MAX, person.evidence))
+        if glimpse.shown_share > 0.0:  # else the evidence is the prior of the pose alone
+            person.log_odds += fresh * max(-EVIDENCE_MAX, min(EVIDENCE_MAX, glimpse.evidence))
         person.log_odds = max(-body.LOG_ODDS_MAX, min(body.LOG_ODDS_MAX, person.log_odds))
-        if person.share >= p.visible_min and person.head_in_view:
-            person.learn_height(fresh, p.low_share)
+        if visible and glimpse.head_in_view:
+            person.identity.stature.learn(person.height_m, fresh, self.params.low_share)
 
     # -- identities, births, deaths ---------------------------------------------------------------------------------
-    def _learn(self, owned: Sequence[Owned], apart: Sequence[bool], dt: float) -> None:
+    def _learn_colours(self, owners: Sequence[Owners], apart: Sequence[bool], dt_s: float) -> None:
         """Learn the colours of people who touch nobody, and undo exchanged identities."""
         counts = np.zeros((len(self._people), PARTS, CODES), np.float32)
-        for o in owned:
-            sure = (o.share > 0.8) & (o.owner >= 0)
-            counts += colour_counts(len(self._people), o.owner[sure], o.height[sure], o.colours[sure])
+        for in_view in owners:
+            sure = (in_view.share > 0.8) & (in_view.owner >= 0)
+            owner = in_view.owner[sure]
+            counts += colour_counts(len(self._people), owner, in_view.height[sure], in_view.colours[sure])
         for person, seen, alone in zip(self._people, counts, apart, strict=True):
-            if person.share >= 0.5 and alone:
-                person.learn_colours(seen)
-        for one, other, odds in self._exchanges.update(self._people, owned, dt):
-            one.take_identity(other)
-            self._life.note(one, "identity", f"exchanged with {other.track_id}: colours, log-odds {odds:.1f}", odds)
+            if person.glimpse.visible_share >= 0.5 and alone:
+                person.identity.clothes.learn(seen)
+        for one, other, log_odds in self._exchanges.update(self._people, owners, dt_s):
+            one.swap_identity(other)
+            reason = f"exchanged with {other.track_id}: colours, log-odds {log_odds:.1f}"
+            self._life.note(one, "identity", reason, log_odds)
 
     def _end(self, person: P, reason: str, may_return: bool) -> None:
         """Stop following a person, who may be recognised later."""
         self._life.prune(person, reason, person.existence)
-        self._people = [o for o in self._people if o is not person]
+        self._people = without(self._people, person)
         if may_return:
             self._departed.append(person)
 
@@ -143,35 +153,41 @@ class ExplainingTracker(Carried, Generic[P, Q]):
         self._people.append(newcomer)
         self._life.appear(newcomer, reason, value, kind)
 
-    def _known(self, new: Sequence[P], floor_m2: float) -> list[tuple[P, P, float]]:
-        """Newcomers and the lost or departed people they continue, with the log-odds."""
+    def _match(self, newcomers: Sequence[P], floor_m2: float) -> list[Match[P]]:
+        """Match newcomers to the lost or departed people whom they may continue."""
         p = self.params
-        self._departed = [person for person in self._departed if self._life.now_s - person.seen_s <= p.remember_s]
-        lost = [person for person in self._people if person.confirmed and person.share < p.visible_min]
+        now_s = self._life.now_s
+        self._departed = [person for person in self._departed if now_s - person.last_seen.time_s <= p.remember_s]
+        lost = [person for person in self._people if person.confirmed and not self._is_visible(person)]
         everybody = self._people + self._departed
-        known = continued(new, lost + self._departed, everybody, floor_m2, p.low_share) if new else {}
-        return [(new[i], *found) for i, found in known.items()]
+        return match_newcomers(newcomers, lost + self._departed, everybody, floor_m2, p.low_share)
 
-    def _continue(self, newcomer: P, known: P, odds: float) -> None:
-        """Give a newcomer the identity of a person known before."""
+    def _continue(self, newcomer: P, before: P, log_odds: float) -> None:
+        """Give a newcomer the identity of a person seen before."""
         was = newcomer.track_id
-        newcomer.take_identity(known)
-        newcomer.counted = {}
-        self._life.recognise(newcomer, was, f"log-odds {odds:.1f} after {newcomer.born_s - known.seen_s:.1f} s", odds)
-        self._departed = [o for o in self._departed if o is not known]
-        self._people = [o for o in self._people if o is not known]
+        newcomer.swap_identity(before)
+        newcomer.proof.spent = {}
+        gone_s = newcomer.first_seen.time_s - before.last_seen.time_s
+        self._life.recognise(newcomer, was, f"log-odds {log_odds:.1f} after {gone_s:.1f} s", log_odds)
+        self._departed = without(self._departed, before)
+        self._people = without(self._people, before)
 
     def _confirm(self, newcomer: P, reason: str) -> None:
         """Report a newcomer as a stranger."""
         was = newcomer.track_id
         self._life.confirm(newcomer, reason, newcomer.existence)
-        newcomer.counted = {}
+        newcomer.proof.spent = {}
         self._exchanges.rename(was, newcomer.track_id)
 
     def _state(self, person: P, box_px: Box = NO_BOX, claims: tuple[float, float] = (math.nan, math.nan)) -> TrackState:
-        """``claims``: the probability that somebody is there, and the deviation of the place [m]."""
-        state = state_of(person.confirmed, person.share >= self.params.visible_min)
-        k, (x_m, y_m) = person.kalman, person.head_m
+        """Report a person; ``claims``: probability that somebody is there, and deviation of the place [m]."""
+        kalman = person.kalman
         return TrackState(
-            person.track_id, state, x_m, y_m, k.vx_mps, k.vy_mps, person.height_m, box_px, *person.faces, *claims
+            person.track_id, state_of(person.confirmed, self._is_visible(person)), *person.head_m, kalman.vx_mps,
+            kalman.vy_mps, person.height_m, box_px, *person.stance.reported_facing, *claims,
         )  # fmt: skip
+
+
+def without(people: Sequence[P], gone: P) -> list[P]:
+    """People other than this one."""
+    return [person for person in people if person is not gone]

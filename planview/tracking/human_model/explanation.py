@@ -1,4 +1,4 @@
-"""How well people at some places explain every pixel of a mask: the joint explanation of pixels without ranges.
+"""The joint explanation of pixels without ranges: how well people at some places explain every pixel of a mask.
 
 A person is the human model's soft silhouette (Zhang et al. 2008, section 3.1).
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -15,9 +16,9 @@ from calib.types import F32, F64, I64, U8
 from planview.foreground.gain import Exposure
 from planview.maps.view import COLOURED, NO_DEPTH, SURFACE, PixelRays, View, colour_codes
 from planview.tracking import body
-from planview.tracking.body import BodyTable, Part, table_of
-from planview.tracking.detections import common
-from planview.tracking.explain.explanation import ANYBODY, Explanation, Likelihood, Owned, People, about
+from planview.tracking.body import BodyPart, BodyTable, build_table
+from planview.tracking.detections import common_areas
+from planview.tracking.explain.explanation import ANYBODY, Explanation, Likelihood, Owners, People, loose_prior
 from planview.tracking.explain.params import PeopleParams
 from planview.tracking.explain.samples import Model
 from planview.tracking.human_model.model_map import HumanModelMapParams
@@ -97,27 +98,48 @@ class HumanModelParams(PeopleParams):
 
 @lru_cache(maxsize=1)
 def silhouette() -> BodyTable:
-    """The table of all depression angles; its ``front`` is not known from a mask, and 0."""
-    table = table_of(
-        [
-            Part(((low, high, half_m, depth),), SILHOUETTE_BLUR_M, min(covers, SUREST))
-            for low, high, half_m, depth, covers in SILHOUETTE_PARTS
-        ]
-    )
+    """Table of all depression angles; its ``front`` is not known from a mask, and 0."""
+    parts = []
+    for low, high, half_m, depth, covers in SILHOUETTE_PARTS:
+        parts.append(BodyPart(((low, high, half_m, depth),), SILHOUETTE_BLUR_M, min(covers, SUREST)))
+    table = build_table(parts)
     return table._replace(front=np.zeros_like(table.front))
 
 
 def likelihood_of_masks(p: HumanModelParams) -> Likelihood:
-    """For pixels without ranges."""
+    """Likelihood of pixels without ranges."""
     model = Model(
-        body=p.seen_on_body, background=p.seen_on_background, near_people=p.seen_near_people, hidden=p.hidden,
-        hidden_sitting=p.hidden_sitting, hidden_to=HIDDEN_TO, sitting_from=0.5 * (1.0 + p.sitting), no_depth=0.0,
-        outliers=0.0, range_m=1.0, unknown=0.0, surface_var=0.0, colour=p.colour_weight, low_share=0.0,
-        sits=p.low_share, sitting=p.sitting, masks=1.0, patch_m=p.patch_m, patch_px=PATCH_PX, spacing_m=SPACING_M,
-        body_m=body.TORSO.height_m, reach_m=MASK_REACH_M, apart_m=body.APART_M,
-        height_min_m=body.HEIGHT_MIN_M, height_max_m=body.HEIGHT_MAX_M, lean_std_m=body.LEAN_STD_M,
-    )  # fmt: skip
+        body=p.seen_on_body,
+        background=p.seen_on_background,
+        near_people=p.seen_near_people,
+        reach_m=MASK_REACH_M,
+        patch_m=p.patch_m,
+        patch_px=PATCH_PX,
+        spacing_m=SPACING_M,
+        colour=p.colour_weight,
+        masks=1.0,
+        hidden=p.hidden,
+        hidden_sitting=p.hidden_sitting,
+        hidden_to=HIDDEN_TO,
+        sitting_from=0.5 * (1.0 + p.sitting),
+        sits=p.low_share,
+        sitting=p.sitting,
+    )
     return Likelihood.of(model, silhouette())
+
+
+class PairFit(NamedTuple):
+    """Two people compared with the second one alone.
+
+    Attributes:
+        evidence: for two against one.
+        alone: (5,) pose of the second one alone.
+        gain: of that pose on the present one.
+    """
+
+    evidence: float
+    alone: F64
+    gain: float
 
 
 class MaskExplanation(Explanation):
@@ -133,57 +155,67 @@ class MaskExplanation(Explanation):
     """
 
     def __init__(self, rays: PixelRays, view: View, likelihood: Likelihood) -> None:
-        image, coloured = view.image, likelihood.model[0]["colour"] > 0
         self.kind: U8 = np.where(view.kind == NO_DEPTH, np.uint8(SURFACE), view.kind)
         self.pixels: I64 = np.flatnonzero(self.kind == SURFACE)
-        code: U8 | None = None
-        if image is not None and image.ndim == 3 and coloured:
-            codes = colour_codes(image, self.pixels.astype(np.int32), Exposure())
+        in_colour = view.image is not None and view.image.ndim == 3
+        colour: U8 | None = None
+        if view.image is not None and in_colour and likelihood.model[0]["colour"] > 0:
+            codes = colour_codes(view.image, self.pixels.astype(np.int32), Exposure())
             if COLOURED[codes].any():  # else by night: no colours, which is not grey clothes
-                code = np.zeros(self.kind.shape, np.uint8)
-                code.reshape(-1)[self.pixels] = codes
-        super().__init__((View(rays, self.kind, view.range_m, code),), likelihood)
+                colour = np.zeros(self.kind.shape, np.uint8)
+                colour.reshape(-1)[self.pixels] = codes
+        super().__init__((View(rays, self.kind, view.range_m, colour),), likelihood)
 
-    def residual(self, owned: Owned) -> F32:
+    def residual(self, owners: Owners) -> F32:
         """(H, W) float32: what one more person behind all others would gain at some pixels, 0 elsewhere."""
         residual: F32 = np.zeros(self.kind.shape, np.float32)
-        residual.reshape(-1)[owned.pixels] = owned.lacking
+        residual.reshape(-1)[owners.pixels] = owners.lacking
         return residual
 
-    def rivals(self, people: People, standing: F64) -> I64:
-        """(N,) the person of better (N,) standing who may account for the foreground of each; -1 for none."""
+    def rivals(self, people: People, seniority: F64) -> I64:
+        """(N,) index of the person of better (N,) seniority who may account for the foreground of each; -1 for none."""
         boxes = self.boxes(0, people.poses, body.TORSO.torso_radius_m).astype(np.float64)
         boxes[:, 2:] -= boxes[:, :2]
         area = boxes[:, 2:].prod(axis=1)
-        shared = common(boxes, boxes) / np.maximum(np.minimum(area[:, None], area), 1.0)
-        shared[standing <= standing[:, None]] = 0.0
+        shared = common_areas(boxes, boxes) / np.maximum(np.minimum(area[:, None], area), 1.0)
+        shared[seniority <= seniority[:, None]] = 0.0
         return np.where(shared.max(axis=1, initial=0.0) > RIVAL_OVERLAP, shared.argmax(axis=1), -1)
 
-    def pair(self, i: int, j: int, people: People, refit: bool = False) -> tuple[float, F64, float]:
-        """Evidence for two people against the second alone, who may be anywhere near either; the (5,) pose of this one
-        alone, and how much that gains on its present pose. ``refit`` moves both to where they explain most together."""
-        poses, tall, ratios = people.poses, people.tall.copy(), people.ratios
+    def weigh_pair(self, i: int, j: int, people: People, refit: bool = False) -> PairFit:
+        """Compare two people with the second alone, who may be anywhere near either.
+
+        Args:
+            refit: move both to where they explain most together.
+        """
+        poses = people.poses
+        statures = people.statures.copy()
         if refit:
-            tall[j] = ANYBODY
-        touch = self.touching(poses)
-        touch[:, [i, j]] = False
-        rest = np.flatnonzero(touch[i] | touch[j])
+            statures[j] = ANYBODY
+        judged = people._replace(statures=statures)
+        shared = self.share_rays(poses)
+        shared[:, [i, j]] = False
+        rest = np.flatnonzero(shared[i] | shared[j])
         # The same pixels with the same weights for one and for two.
-        samples = self.around(0.5 * (poses[i] + poses[j]), 0.4 + 0.5 * math.dist(poses[i, :2], poses[j, :2]))
-        samples.layer(people, rest)
-        here, information = samples.evidence(poses[j], tall[j], ratios[j]), about(MASK_REACH_M, body.HEIGHT_STD_M)
+        reach_m = 0.4 + 0.5 * math.dist(poses[i, :2], poses[j, :2])
+        samples = self.samples_around(0.5 * (poses[i] + poses[j]), reach_m)
+        samples.lay_others(people, rest)
+        here = samples.evidence(*judged.person(j))
+        prior = loose_prior(MASK_REACH_M, body.HEIGHT_STD_M)
         fits: list[tuple[float, F64]] = []
         for start in (poses[j], np.array([*poses[i, :2], *poses[j, 2:]])):
-            moved = start.copy()
+            pose = start.copy()
             # How tall the one is may have been learned without what the other covers.
-            fits.append((samples.ascend(moved, start, information, ANYBODY, ratios[j])[0], moved))
-        value, alone = max(fits, key=lambda fit: fit[0])
-        for a, b in ((j, i), (i, j)) if refit else ():
-            samples.layer(people, np.append(rest, b))
-            samples.ascend(poses[a], poses[a].copy(), information, tall[a], ratios[a])
-        samples.layer(people, rest)
-        both = samples.log_ratio(poses[i], tall[i], ratios[i]) + samples.log_prior(poses[j], tall[j])
-        both += samples.log_prior(poses[i], tall[i], np.append(rest, j))
-        samples.layer(people, np.append(rest, i))
-        both += samples.log_ratio(poses[j], tall[j], ratios[j])
-        return both - value - TOGETHER, alone, value - here
+            value, _ = samples.ascend(pose, start, prior, ANYBODY, people.ratios[j])
+            fits.append((value, pose))
+        one, alone = max(fits, key=lambda fit: fit[0])
+        if refit:
+            for a, b in ((j, i), (i, j)):
+                samples.lay_others(people, np.append(rest, b))
+                pose, stature, ratios = judged.person(a)
+                samples.ascend(pose, pose.copy(), prior, stature, ratios)
+        samples.lay_others(people, rest)
+        both = samples.log_ratio(*judged.person(i)) + samples.log_prior(poses[j], statures[j])
+        both += samples.log_prior(poses[i], statures[i], np.append(rest, j))
+        samples.lay_others(people, np.append(rest, i))
+        both += samples.log_ratio(*judged.person(j))
+        return PairFit(both - one - TOGETHER, alone, one - here)

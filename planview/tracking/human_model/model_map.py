@@ -1,4 +1,4 @@
-"""What a person looks like at every pixel of a camera (Zhang et al. 2008, section 3.4)."""
+"""The human model map: how a person looks at every pixel of a camera (Zhang et al. 2008, section 3.4)."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class HumanModelMapParams(Params):
 
 @dataclass(frozen=True, eq=False)
 class HumanModelMap:
-    """What a person looks like with the foot at each pixel of a grid (section 3.4, figure 7).
+    """Outline of a person with the foot at each pixel of a grid (section 3.4, figure 7).
 
     The grid reaches beyond the image, since feet may be outside while the head is inside. Only places where a person
     is possible (on the floor, near enough, visible) have an entry, so the others cost neither memory nor time.
@@ -68,24 +68,27 @@ class HumanModelMap:
     def entry_at(self, pixels: ArrayLike) -> I32:
         """(...) int32 entries of the nodes nearest to foot pixels (..., 2), -1 where no person is possible."""
         uv = np.asarray(pixels, dtype=np.float64)
-        known = np.where(np.isfinite(uv), uv, -1e6)
-        grid = np.rint((known - self.origin_px) / self.params.step_px).astype(np.int64)
-        col, row = grid[..., 0], grid[..., 1]
-        inside = (row >= 0) & (row < self.index.shape[0]) & (col >= 0) & (col < self.index.shape[1])
+        finite = np.where(np.isfinite(uv), uv, -1e6)
+        grid = np.rint((finite - self.origin_px) / self.params.step_px).astype(np.int64)
+        col, row = np.moveaxis(grid, -1, 0)
+        rows, cols = self.index.shape
+        inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
         entry = self.index[np.where(inside, row, 0), np.where(inside, col, 0)]
         return np.where(inside, entry, -1).astype(np.int32)
 
     def boxes(self) -> F32:
         """(N, 4) float32 left, top, width, height [px] of the entries' hulls."""
-        low, high = self.hull_px.min(axis=1), self.hull_px.max(axis=1)
-        return np.concatenate([low, high - low], axis=1)
+        low = self.hull_px.min(axis=1)
+        size = self.hull_px.max(axis=1) - low
+        return np.concatenate([low, size], axis=1)
 
 
 def build_model_map(
     camera: GroundCamera, model: HumanModel | None = None, params: HumanModelMapParams | None = None
 ) -> HumanModelMap:
     """Compute the map once per camera; the paper's person by default. Raises ValueError: more than MAX_NODES nodes."""
-    model, params = model or HumanModel(), params or HumanModelMapParams()
+    model = model or HumanModel()
+    params = params or HumanModelMapParams()
     # A foot can be outside by at most a person's image size; the largest visible person is near the image's.
     margin = max(camera.size)
     u = np.arange(-margin, camera.width + margin, params.step_px)

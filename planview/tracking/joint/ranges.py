@@ -1,4 +1,4 @@
-"""What the joint tracker assumes of pixels with ranges."""
+"""Assumptions of the joint tracker about pixels with ranges."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SPACING = 0.7
 
 
 class JointParams(PeopleParams):
-    """Of pixels with ranges; all values are physical."""
+    """Assumptions about people and pixels with ranges; all values are physical."""
 
     disparity_std_px: float = Field(0.35, gt=0, le=5)
     """Deviation of a disparity on a body [px of the matched image]: matching noise and its bias to whole pixels."""
@@ -35,14 +35,20 @@ class JointParams(PeopleParams):
 
 
 def likelihood_of_ranges(p: JointParams) -> Likelihood:
-    """For pixels with ranges."""
-    table = body.body_table()
+    """Likelihood of pixels with ranges."""
     model = Model(
-        body=SEEN_ON_BODY, background=SEEN_ON_BACKGROUND, near_people=p.seen_near_people, hidden=0.0,
-        hidden_sitting=0.0, hidden_to=0.0, sitting_from=0.0, no_depth=NO_DEPTH_SHARE, outliers=OUTLIERS,
-        range_m=RANGE_M, unknown=UNKNOWN_SHARE, surface_var=body.SURFACE_STD_M**2, colour=p.colour_weight,
-        low_share=p.low_share, sits=0.0, sitting=1.0, masks=0.0, patch_m=p.patch_m, patch_px=0.0,
-        spacing_m=SPACING * p.patch_m, body_m=body.TORSO.height_m, reach_m=body.REACH_M, apart_m=body.APART_M,
-        height_min_m=body.HEIGHT_MIN_M, height_max_m=body.HEIGHT_MAX_M, lean_std_m=body.LEAN_STD_M,
-    )  # fmt: skip
-    return Likelihood.of(model, table, p.disparity_std_px)
+        body=SEEN_ON_BODY,
+        background=SEEN_ON_BACKGROUND,
+        near_people=p.seen_near_people,
+        reach_m=body.REACH_M,
+        patch_m=p.patch_m,
+        spacing_m=SPACING * p.patch_m,
+        colour=p.colour_weight,
+        range_m=RANGE_M,
+        no_depth=NO_DEPTH_SHARE,
+        outliers=OUTLIERS,
+        unknown=UNKNOWN_SHARE,
+        surface_var=body.SURFACE_STD_M**2,
+        low_share=p.low_share,
+    )
+    return Likelihood.of(model, body.body_table(), p.disparity_std_px)

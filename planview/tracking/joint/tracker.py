@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from calib.floor_camera import FloorCamera
 from calib.types import F32, F64, U8
+from planview.maps.view import View
 from planview.tracking import body
 from planview.tracking.base import DecisionKind, Drawing, Needs, Observation, TrackerDebug, person_boxes
 from planview.tracking.explain.births import SEARCH_PRIOR, Births, odds_of_moving
-from planview.tracking.explain.explanation import Explanation, Owned, People, Samples
+from planview.tracking.explain.clothes import colour_ratios
+from planview.tracking.explain.explanation import Explanation, Owners, People, Samples
 from planview.tracking.explain.identity import KNOWN_LOG_ODDS
-from planview.tracking.explain.person import Person, colour_ratios, side_by_side
-from planview.tracking.explain.tracker import ExplainingTracker
+from planview.tracking.explain.person import Glimpse, Person, side_by_side
+from planview.tracking.explain.tracker import ExplainingTracker, without
 from planview.tracking.joint.ranges import JointParams, likelihood_of_ranges
 from planview.tracking.kalman import FloorKalman
 from planview.trajectories.state import TrackState
@@ -41,22 +44,29 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
     def reset(self) -> None:
         """Forget everybody; ids start again at 1."""
         super().reset()
-        self._births, self._coloured_s = Births(self.params), -math.inf
-        self._shown: list[tuple[tuple[int, ...], Owned]] = []
+        self._births = Births(self.params)
+        self._coloured_s = -math.inf
+        self._shown: list[tuple[tuple[int, ...], Owners]] = []
 
     def debug(self) -> TrackerDebug:
         """Circles of bodies with existence and visible share, and images of the owners of all pixels."""
         angles = np.linspace(0.0, 2.0 * math.pi, 25)
         circle = body.TORSO.torso_radius_m * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        strips = tuple(np.asarray(circle + q.at_m, dtype=np.float32) for q in self._people)
-        labels = tuple(f"{q.track_id}: existence {q.existence:.2f}, visible {q.share:.2f}" for q in self._people)
-        grey = np.array([40, *(80 + (37 * q.track_id) % 176 for q in self._people)], np.uint8)
+        strips: list[F32] = []
+        labels = []
+        greys = [40]
+        for person in self._people:
+            strips.append(np.asarray(circle + person.at_m, dtype=np.float32))
+            visible = f"visible {person.glimpse.visible_share:.2f}"
+            labels.append(f"{person.track_id}: existence {person.existence:.2f}, {visible}")
+            greys.append(80 + (37 * person.track_id) % 176)
         tiles: dict[str, F32 | U8] = {}
-        for k, (shape, of) in enumerate(self._shown):
+        for k, (shape, in_view) in enumerate(self._shown):
             tile: U8 = np.zeros(shape, np.uint8)
-            tile.reshape(-1)[of.pixels] = grey[np.minimum(of.owner + 1, len(self._people))]
+            shown = np.minimum(in_view.owner + 1, len(self._people))
+            tile.reshape(-1)[in_view.pixels] = np.array(greys, np.uint8)[shown]
             tiles[f"owners/{k}"] = tile
-        return TrackerDebug((Drawing("bodies", "floor", strips, labels),), tiles)
+        return TrackerDebug((Drawing("bodies", "floor", tuple(strips), tuple(labels)),), tiles)
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
         """Follow everybody into the next frame.
@@ -64,142 +74,186 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         Raises:
             ValueError: an observation without the pixels that the cameras saw, or of other cameras than before.
         """
-        if not observation.views:
-            raise ValueError("expected the pixels that the cameras saw (Observation.views), found none")
         views = observation.views
+        if not views:
+            raise ValueError("expected the pixels that the cameras saw (Observation.views), found none")
         self._births.prepare(views)
-        dt = self._begin(observation.timestamp_s)
+        dt_s = self._begin(observation.timestamp_s)
         predicted = {person.track_id: person.kalman for person in self._people}
         frame = Explanation(views, self._likelihood)
         coloured = self._expects_colours(frame)
         damaged = observation.unknown or (coloured and not frame.coloured)
+
+        # Where everybody is now, and how likely it is that they are there.
         if damaged:
             for person in self._people:
-                person.blind_s += dt
-        ratios = colour_ratios(self._people)
+                person.blind_s += dt_s
+        ratios = colour_ratios([person.identity.clothes for person in self._people])
         if self._people:
-            self._explain(frame, side_by_side(self._people, ratios), dt)
-        owned = frame.assign_pixels(side_by_side(self._people, ratios))
-        self._shown = [(v.kind.shape, o) for v, o in zip(views, owned, strict=True)]
-        for i, person in enumerate(self._people):
-            if not (person.confirmed or damaged):
-                mine = [(v, o, o.owner == i) for v, o in zip(views, owned, strict=True)]
-                person.count_evidence([(v, o.pixels[own], o.patches[own]) for v, o, own in mine])
-        if frame.coloured:
-            places = [person.at_m for person in self._people]
-            gaps = [min((math.dist(a, b) for b in places if b is not a), default=math.inf) for a in places]
-            self._learn(owned, [gap >= body.REACH_M for gap in gaps], dt)
-        else:  # of those who touch now colours show later whether they have been exchanged
-            self._exchanges.update(self._people, (), 0.0)
-        self._forget_gone()
-        born = self._births.find(frame, self._people, owned, self._life.now_s)
-        for newcomer in self._moved(frame, born, predicted) if born else ():
-            reason = f"evidence {newcomer.evidence:.1f}, {newcomer.height_m:.2f} m tall"
-            self._add(newcomer, "spawned", reason, newcomer.evidence)
+            self._explain(frame, side_by_side(self._people, ratios), dt_s)
+
+        # Whose the pixels are. They show who is a person, and what each of them wears.
+        owners = frame.assign_pixels(side_by_side(self._people, ratios))
+        self._shown = [(view.kind.shape, in_view) for view, in_view in zip(views, owners, strict=True)]
+        if not damaged:
+            self._count_evidence(views, owners)
+        self._learn_clothes(frame, owners, dt_s)
+
+        # Who has left, who is new, and who of these was here before.
+        self._end_departed()
+        self._add_newcomers(frame, owners, predicted)
         if not damaged:  # else outlines may be as wrong as colours
             self._recognise(coloured)
-        boxes = person_boxes(observation.camera, [(*person.at_m, person.height_m) for person in self._people])
-        return tuple(
-            self._state(person, box, (self._confidence(person), person.head_std_m))
-            for person, box in zip(self._people, boxes, strict=True)
-        )
+        return self._states(observation.camera)
 
     def _expects_colours(self, frame: Explanation) -> bool:
-        """Whether colours distinguish people in this frame, or did a moment ago and will again."""
+        """True if colours distinguish people in this frame, or did a moment ago and will again."""
         if frame.coloured and any(view.colour is not None for view in frame.views):
             self._coloured_s = self._life.now_s
         return frame.coloured or self._life.now_s - self._coloured_s < COLOURLESS_S
 
-    def _explain(self, frame: Explanation, people: People, dt: float) -> None:
-        """Places, then the frame's evidence on each person's existence."""
-        touch = frame.touching(people.poses)
-        samples, found = self._ascend(frame, people, touch)
-        stood_up: list[tuple[Person, F64]] = []
+    def _explain(self, frame: Explanation, people: People, dt_s: float) -> None:
+        """Move everybody to where they explain best, and weigh the frame's evidence on each person's existence."""
+        shared = frame.share_rays(people.poses)
+        samples, fits = self._ascend(frame, people, shared)
+        upright: list[tuple[Person, F64]] = []
         for i, person in enumerate(self._people):
-            person.evidence, pose = float(found.evidence[i]), people.poses[i]
-            if (rival := self._rival(i, people)) >= 0:
-                both, alone = self._beside(i, rival, samples.person(rival), people)
-                person.evidence = min(person.evidence, both)
+            pose = people.poses[i]
+            neighbours = np.flatnonzero(shared[i])
+            evidence = float(fits.evidence[i])
+            rival = self._rival(i, people)
+            if rival >= 0:
+                both, alone = self._compare_with_one(i, rival, samples.person(rival), people)
+                evidence = min(evidence, both)
                 if both < 0.0 and alone[2] > people.poses[rival, 2] + body.HEIGHT_STD_M:
-                    stood_up.append((self._people[rival], alone))
-            person.see(found.seen[i], min(1.0, float(found.seen[i, 2]) / frame.whole_patches(pose)))
-            person.shared_m = frame.shared_std_m(pose)
-            others = np.flatnonzero(touch[i])
-            person.head_in_view = frame.shows_height(pose, person.height_m, person.upright[1])
-            visible = person.share >= self.params.visible_min
-            if not person.confirmed:
-                mine_alone = samples.person(i)
-                mine_alone.layer(people, others)
-                person.shape = mine_alone.against_thing(pose, people.tall[i]) if visible else 0.0
-            self._measure(person, samples.person(i), pose, found.curvature[i], found.turned[i], dt)
-            self._weigh(person, dt, body.LEAVE_S if person.inside < INSIDE else self.params.stay_s)
+                    upright.append((self._people[rival], alone))
+            person.glimpse = _glimpse(frame, person, pose, evidence, fits.patches[i])
+            visible = self._is_visible(person)
+            if visible and not person.confirmed:
+                own = samples.person(i)
+                own.lay_others(people, neighbours)
+                person.glimpse = person.glimpse._replace(shape=own.against_thing(pose, people.statures[i]))
+            self._measure(person, samples.person(i), pose, fits.curvature[i], fits.by_facing[i], dt_s)
+            at_border = person.glimpse.inside_share < INSIDE
+            self._weigh(person, dt_s, body.LEAVE_S if at_border else self.params.stay_s)
             if visible:
-                self._note_movement(person, alone=len(others) == 0)
-            if visible and person.head_in_view and not person.confirmed:
-                person.count_height(self.params.low_share)
-            kind: DecisionKind = "matched" if visible else "lost"
-            reason = f"evidence {person.evidence:.1f}, visible {person.share:.2f}, existence {person.existence:.3f}"
-            if len(others):
-                reason += ", next to " + ", ".join(str(self._people[k].track_id) for k in others)
-            self._life.note(person, kind, reason, person.evidence)
-        for person, (x, y, h, *_) in stood_up:  # one upright body explains more than a low one and another
-            person.kalman, person.height_m = person.kalman.moved_to(float(x), float(y)), float(h)
+                _count_movement(person, alone=len(neighbours) == 0)
+            if visible and person.glimpse.head_in_view and not person.confirmed:
+                person.proof.count_height(person.height_m, person.glimpse, self.params.low_share)
+            self._note_match(person, [self._people[k] for k in neighbours])
+        for person, pose in upright:  # one upright body explains more than a low one and another
+            person.kalman = person.kalman.move_to(float(pose[0]), float(pose[1]))
+            person.height_m = float(pose[2])
+
+    def _note_match(self, person: Person, neighbours: Sequence[Person]) -> None:
+        """Write down how well the frame shows a person."""
+        kind: DecisionKind = "matched" if self._is_visible(person) else "lost"
+        glimpse = person.glimpse
+        reason = (
+            f"evidence {glimpse.evidence:.1f}, visible {glimpse.visible_share:.2f}, existence {person.existence:.3f}"
+        )
+        if neighbours:
+            reason += ", next to " + ", ".join(str(neighbour.track_id) for neighbour in neighbours)
+        self._life.note(person, kind, reason, glimpse.evidence)
 
     def _rival(self, i: int, people: People) -> int:
-        """The more established person in whose place this one stands; -1 for none."""
+        """Index of the more established person in whose place this one stands; -1 for none."""
         gaps = np.hypot(*(people.poses[:, :2] - people.poses[i, :2]).T)
         gaps[i] = np.inf
-        j = int(np.argmin(gaps))
-        a, newcomer = self._people[i], self._people[j]
-        return j if gaps[j] < body.APART_M and newcomer.standing > a.standing else -1
+        nearest = int(np.argmin(gaps))
+        established = self._people[nearest].seniority > self._people[i].seniority
+        return nearest if gaps[nearest] < body.APART_M and established else -1
 
-    def _beside(self, i: int, j: int, s: Samples, people: People) -> tuple[float, F64]:
+    def _compare_with_one(self, i: int, rival: int, samples: Samples, people: People) -> tuple[float, F64]:
         """Evidence for a person in another's place: both people, compared with the other one alone anywhere nearby, and
-        (5,) the pose that this one would have."""
-        poses, sure, tall, ratios = people.poses, people.sure.copy(), people.tall, people.ratios
-        sure[[i, j]] = 1.0  # both are there, or one is
-        people = People(poses, sure, tall, ratios)
-        rest = np.array([k for k in range(len(poses)) if k not in (i, j)], dtype=np.int64)
-        near = np.append(rest, (i, j))  # one alone has arms as well
-        s.layer(people, rest, near)
-        first = s.log_ratio(poses[i], tall[i], ratios[i])
-        starts = poses[j].copy(), np.array([*poses[i, :2], tall[j, 0], *poses[j, 3:]])
-        found = [s.ascend(start, poses[j], SEARCH_PRIOR, tall[j], ratios[j])[0] for start in starts]
-        prior = s.log_prior(poses[j], tall[j]) + s.log_prior(poses[i], tall[i], np.array([j]))
-        s.layer(people, np.append(rest, i), near)
-        both = first + s.log_ratio(poses[j], tall[j], ratios[j]) + prior
-        return both - max(found), starts[int(np.argmax(found))]
+        (5,) the pose that this one would have.
 
-    def _moved(self, frame: Explanation, born: list[Person], predicted: Mapping[int, FloorKalman]) -> list[Person]:
-        """The newcomers of a frame, without those to whom somebody moves who was predicted elsewhere."""
-        people, strangers = list(self._people), list(born)
-        odds = odds_of_moving(frame, people, [predicted[q.track_id] for q in people], born, self.params)
+        Args:
+            samples: those of the rival.
+        """
+        existence = people.existence.copy()
+        existence[[i, rival]] = 1.0  # both are there, or one is
+        people = people._replace(existence=existence)
+        pose, stature, ratios = people.person(rival)
+        rest = np.delete(np.arange(len(people.poses)), [i, rival])
+        near = np.append(rest, (i, rival))  # one alone has arms as well
+        samples.lay_others(people, rest, near)
+        second = samples.log_ratio(*people.person(i))
+        alone = []
+        for start in (pose.copy(), np.array([*people.poses[i, :2], stature[0], *pose[3:]])):
+            evidence, _ = samples.ascend(start, pose, SEARCH_PRIOR, stature, ratios)
+            alone.append((evidence, start))
+        best, best_pose = max(alone, key=lambda fit: fit[0])
+        prior = samples.log_prior(pose, stature)
+        prior += samples.log_prior(people.poses[i], people.statures[i], np.array([rival]))
+        samples.lay_others(people, np.append(rest, i), near)
+        both = second + samples.log_ratio(pose, stature, ratios) + prior
+        return both - best, best_pose
+
+    def _count_evidence(self, views: Sequence[View], owners: Sequence[Owners]) -> None:
+        """Add the pixels of each newcomer to the evidence that it is a person."""
+        for i, person in enumerate(self._people):
+            if person.confirmed:
+                continue
+            pixels = []
+            for view, in_view in zip(views, owners, strict=True):
+                own = in_view.owner == i
+                pixels.append((view, in_view.pixels[own], in_view.patches[own]))
+            person.proof.count(pixels, person.glimpse)
+
+    def _learn_clothes(self, frame: Explanation, owners: Sequence[Owners], dt_s: float) -> None:
+        """Learn the colours of people who stand apart; without colours, people who touch may be exchanged, which
+        colours show later."""
+        if not frame.coloured:
+            self._exchanges.update(self._people, (), 0.0)
+            return
+        apart = []
+        for person in self._people:
+            gaps_m = [math.dist(person.at_m, other.at_m) for other in without(self._people, person)]
+            apart.append(min(gaps_m, default=math.inf) >= body.REACH_M)
+        self._learn_colours(owners, apart, dt_s)
+
+    def _end_departed(self) -> None:
+        """Stop following people who are no longer there, or unseen for long."""
+        for person in self._people:
+            left = person.glimpse.inside_share < 0.15 and person.unseen_s > body.LEAVE_S
+            unmeasured_s = self._life.now_s - person.last_seen.time_s
+            if left or person.existence < 0.05 or unmeasured_s > self.params.remember_s:
+                reason = f"existence {person.existence:.2f}, evidence {person.glimpse.evidence:.1f}"
+                self._end(person, reason, person.confirmed)
+
+    def _add_newcomers(
+        self, frame: Explanation, owners: Sequence[Owners], predicted: Mapping[int, FloorKalman]
+    ) -> None:
+        """Follow one more person where pixels ask for one, unless somebody who was predicted elsewhere is there."""
+        born = self._births.find(frame, self._people, owners, self._life.now_s)
+        if not born:
+            return
+        for newcomer in self._move_to_newcomers(frame, born, predicted):
+            evidence = newcomer.glimpse.evidence
+            self._add(newcomer, "spawned", f"evidence {evidence:.1f}, {newcomer.height_m:.2f} m tall", evidence)
+
+    def _move_to_newcomers(
+        self, frame: Explanation, born: list[Person], predicted: Mapping[int, FloorKalman]
+    ) -> list[Person]:
+        """Move people who were predicted elsewhere to the newcomers that they are; return the other newcomers."""
+        people = list(self._people)
+        strangers = list(born)
+        odds = odds_of_moving(frame, people, [predicted[person.track_id] for person in people], born, self.params)
         while odds.size and odds.max() > KNOWN_LOG_ODDS:
             i, k = np.unravel_index(int(np.argmax(odds)), odds.shape)
-            person, newcomer, before = people[i], born[k], predicted[people[i].track_id]
+            person, newcomer = people[i], born[k]
             noise = newcomer.kalman.covariance[:2, :2]
-            newcomer.kalman = before.found_at(newcomer.pose[:2], noise)
-            newcomer.log_odds, newcomer.confirmed = person.log_odds, True
-            newcomer.take_identity(person)
+            newcomer.kalman = predicted[person.track_id].correct_to(newcomer.pose[:2], noise)
+            newcomer.log_odds = person.log_odds
+            newcomer.confirmed = True
+            newcomer.swap_identity(person)
             self._people[i] = newcomer
             self._life.note(newcomer, "matched", f"in a newcomer's place: log-odds {odds[i, k]:.1f}", odds[i, k])
             strangers.remove(newcomer)
-            odds[i], odds[:, k] = -math.inf, -math.inf
+            odds[i] = -math.inf
+            odds[:, k] = -math.inf
         return strangers
-
-    def _note_movement(self, person: Person, alone: bool) -> None:
-        """Count movement as evidence for a person; next to somebody it may be a shadow or something carried."""
-        farther = max(0.0, math.dist(person.origin_m, person.at_m) - person.walked_m)
-        person.walked_m += farther
-        if alone:
-            step_m = math.sqrt(body.TORSO.torso_radius_m**2 + float(np.trace(person.kalman.covariance[:2, :2])))
-            person.moved = min(person.moved + farther / step_m, body.LOG_ODDS_MAX)
-
-    def _forget_gone(self) -> None:
-        for person in self._people:
-            gone = person.inside < 0.15 and person.unseen_s > body.LEAVE_S
-            if person.existence < 0.05 or gone or self._life.now_s - person.seen_s > self.params.remember_s:
-                self._end(person, f"existence {person.existence:.2f}, evidence {person.evidence:.1f}", person.confirmed)
 
     def _recognise(self, coloured: bool) -> None:
         """Confirm newcomers, either as a lost or departed person or as a stranger.
@@ -209,33 +263,68 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         Args:
             coloured: colours show, or will again.
         """
-        p, new = self.params, [person for person in self._people if not person.confirmed]
-        sure = [q for q in new if q.share >= p.visible_min and self._confidence(q) > p.report]
+        newcomers = [person for person in self._people if not person.confirmed]
+        sure = [person for person in newcomers if self._is_visible(person) and self._is_person(person)]
         in_doubt: list[Person] = []
-        for newcomer, before, odds in self._known(sure, p.floor_m2):  # before those who may be nobody
-            if odds > KNOWN_LOG_ODDS:
-                self._continue(newcomer, before, odds)
-            elif newcomer.shows_more_after(self._life.now_s, coloured):
-                in_doubt.append(newcomer)
-        for q in sure:
-            if not q.confirmed and q not in in_doubt:
-                self._confirm(q, f"existence {q.existence:.2f}, log-odds of a person {self._personhood(q):.1f}")
-        for newcomer, before, odds in self._known([q for q in new if not q.confirmed], p.floor_m2):
-            if odds > KNOWN_LOG_ODDS:
-                self._continue(newcomer, before, odds)
+        for match in self._match(sure, self.params.floor_m2):  # before those who may be nobody
+            if match.log_odds > KNOWN_LOG_ODDS:
+                self._continue(*match)
+            elif match.person.will_show_more(self._life.now_s, coloured):
+                in_doubt.append(match.person)
+        for person in sure:
+            if not person.confirmed and person not in in_doubt:
+                personhood = self._personhood(person)
+                self._confirm(person, f"existence {person.existence:.2f}, log-odds of a person {personhood:.1f}")
+        unconfirmed = [person for person in newcomers if not person.confirmed]
+        for match in self._match(unconfirmed, self.params.floor_m2):
+            if match.log_odds > KNOWN_LOG_ODDS:
+                self._continue(*match)
+
+    def _is_person(self, newcomer: Person) -> bool:
+        """True if a newcomer is surely there and no thing."""
+        return self._confidence(newcomer) > self.params.report
 
     def _confidence(self, person: Person) -> float:
-        """Probability that a person is there: of one who is not confirmed by independent evidence, and of no thing."""
+        """Probability that a person is there: of a newcomer, by independent evidence as well, and of no thing."""
         if person.confirmed:
             return person.existence
-        return 1.0 / (1.0 + math.exp(-min(person.log_odds, person.proven, self._personhood(person))))
+        log_odds = min(person.log_odds, person.proof.log_odds, self._personhood(person))
+        return 1.0 / (1.0 + math.exp(-log_odds))
 
     def _personhood(self, person: Person) -> float:
         """Log-odds of a person against a thing, by shape and own movement, and by height as far as the head has been in
         view: elsewhere the height is the prior."""
-        shape = math.log(2.0) - float(np.logaddexp(0.0, -person.likeness))  # half of all things are of any shape
-        if person.height_patches == 0.0:
-            return person.moved + shape + math.log((1 - body.THING_SHARE) / body.THING_SHARE)
+        proof = person.proof
+        moved = person.identity.walk.evidence
+        shape = math.log(2.0) - float(np.logaddexp(0.0, -proof.shape))  # half of all things are of any shape
+        if proof.height_patches == 0.0:
+            return moved + shape + math.log((1 - body.THING_SHARE) / body.THING_SHARE)
         low = self.params.low_share / body.HEIGHT_MEAN_M
-        density = (person.upright_density + LOW_WALKERS * low) * math.exp(person.moved) + (1 - LOW_WALKERS) * low
+        walking = proof.upright_density + LOW_WALKERS * low
+        density = walking * math.exp(moved) + (1 - LOW_WALKERS) * low
         return shape + math.log((1 - body.THING_SHARE) * density / (body.THING_SHARE / body.HEIGHT_MEAN_M))
+
+    def _states(self, camera: FloorCamera | None) -> tuple[TrackState, ...]:
+        """Report everybody, with a box in the image."""
+        boxes = person_boxes(camera, [(*person.at_m, person.height_m) for person in self._people])
+        states = []
+        for person, box_px in zip(self._people, boxes, strict=True):
+            states.append(self._state(person, box_px, (self._confidence(person), person.head_std_m)))
+        return tuple(states)
+
+
+def _glimpse(frame: Explanation, person: Person, pose: F64, evidence: float, patches: F64) -> Glimpse:
+    """Glimpse of a person by the pose that explains best and its (3,) patches (``Samples.visible_patches``)."""
+    inside_share = min(1.0, float(patches[2]) / frame.whole_patches(pose))
+    head_in_view = frame.shows_height(pose, person.height_m, person.identity.stature.std_m)
+    return Glimpse.of(evidence, patches, inside_share, head_in_view, frame.shared_std_m(pose))
+
+
+def _count_movement(person: Person, alone: bool) -> None:
+    """Count movement as evidence for a person; next to somebody it may be a shadow or something carried."""
+    walk = person.identity.walk
+    farther_m = walk.extend(person.at_m)
+    if alone:
+        place_var = float(np.trace(person.kalman.covariance[:2, :2]))
+        step_m = math.sqrt(body.TORSO.torso_radius_m**2 + place_var)
+        walk.evidence = min(walk.evidence + farther_m / step_m, body.LOG_ODDS_MAX)

@@ -110,6 +110,10 @@ class MapPerson:
         """Filtered position, or the predicted one while nothing matches [m]."""
         return self.kalman.x_m, self.kalman.y_m
 
+    def distance_m(self, at_m: Place) -> float:
+        """Distance of a place from the last predicted or measured location, whichever is nearer."""
+        return min(math.dist(at_m, self.predicted_m), math.dist(at_m, self.measured_m))
+
 
 class FreeMaps:
     """H_masked and O_sm without the people tracked so far in this frame.
@@ -188,32 +192,31 @@ class TemplateTracker(Carried):
         maps = observation.maps
         if maps is None:
             raise ValueError("expected an observation with plan-view maps, got none (this tracker needs stereo)")
-        dt = self._life.begin(observation.timestamp_s)
+        dt_s = self._life.begin(observation.timestamp_s)
         for person in self._people:
-            person.kalman = person.kalman.predicted(dt, self.params.acceleration_std_mps2)
+            person.kalman = person.kalman.predict(dt_s, self.params.acceleration_std_mps2)
             person.predicted_m = person.at_m
             if observation.unknown:
-                self._life.pause(person.existence, dt)
+                self._life.pause(person.existence, dt_s)
         if not observation.unknown:
-            self._follow(FreeMaps(maps, self.params.width_m), dt)
-        cell_m, width_m = maps.grid.cell_m, self.params.width_m
-        return tuple(_state(person, cell_m, width_m, observation.camera) for person in self._people)
+            self._follow(FreeMaps(maps, self.params.width_m), dt_s)
+        near_cells = round(self.params.width_m / 2 / maps.grid.cell_m)
+        return tuple(_state(person, near_cells, observation.camera) for person in self._people)
 
-    def _follow(self, free: FreeMaps, dt: float) -> None:
+    def _follow(self, free: FreeMaps, dt_s: float) -> None:
         """Find everybody in the maps of a frame, the most certain first, then newcomers in what is left."""
-        cell_m = free.maps.grid.cell_m
         placed: list[Place] = []
-        for person in sorted(self._people, key=lambda q: (q.kalman.position_std_m, abs(q.existence.track_id))):
-            found_m, terms = self._search(person, free, placed)
-            if found_m is None:
+        for person in sorted(self._people, key=_uncertainty):
+            place, terms = self._search(person, free, placed)
+            if place is None:
                 reason = f"nothing like the templates within {person.reach_m:.2f} m, score {person.score:.2f}"
                 self._life.miss(person.existence, reason, person.score, terms)
                 continue
             self._life.observe(person.existence, f"score {person.score:.2f}", person.score, terms)
             # The velocity is not measured apart: in the filter the change in position carries it.
-            person.kalman = person.kalman.updated(*found_m, cell_m)  # the search measures whole cells
-            person.measured_m = found_m
-            self._adapt(person, free, 1.0 - math.exp(-dt / self.params.template_s))
+            person.kalman = person.kalman.update(*place, free.maps.grid.cell_m)  # the search measures whole cells
+            person.measured_m = place
+            self._adapt(person, free, 1.0 - math.exp(-dt_s / self.params.template_s))
             self._recentre(person, free)
             free.clear(person.measured_m)
             placed.append(person.measured_m)
@@ -222,7 +225,8 @@ class TemplateTracker(Carried):
 
     def _search(self, person: MapPerson, free: FreeMaps, placed: list[Place]) -> tuple[Place | None, ScoreTerms]:
         """Where the match score M (eq. 4) is smallest around the prediction; None where it exceeds theta_track."""
-        p, grid = self.params, free.maps.grid
+        p = self.params
+        grid = free.maps.grid
         reach = max(1, math.ceil(SEARCH_SIGMA * person.kalman.position_std_m / grid.cell_m))
         # The distance term alone is above theta_track farther away.
         if p.distance_weight > 0:
@@ -231,39 +235,51 @@ class TemplateTracker(Carried):
         if not (person.template_height > 0).any():  # an empty template is like any empty floor
             person.score = math.inf
             return None, NO_TERMS
-        at = [part.start for part in free.window(person.predicted_m)]
+        row, col = (part.start for part in free.window(person.predicted_m))
         # Every second cell first where the reach is wide: the maps are smooth over a cell.
-        for radius, step in ((reach, 2), (1, 1)) if reach > 2 else ((reach, 1),):
-            rows, cols = (
-                np.arange(max(0, k - radius), min(size, k + radius + 1), step)
-                for k, size in zip(at, grid.shape, strict=True)
-            )
+        passes = ((reach, 2), (1, 1)) if reach > 2 else ((reach, 1),)
+        for radius, step in passes:
+            rows = np.arange(max(0, row - radius), min(grid.n_rows, row + radius + 1), step)
+            cols = np.arange(max(0, col - radius), min(grid.n_cols, col + radius + 1), step)
             terms = self._terms(person, free, placed, rows, cols)
             i, j = divmod(int(np.argmin(terms.sum(axis=0))), len(cols))
-            at = [int(rows[i]), int(cols[j])]
-        person.score = float(terms[:, i, j].sum())
-        return grid.centre_of(*at) if person.score <= p.score_max else None, ScoreTerms(*terms[:, i, j].tolist())
+            row = int(rows[i])
+            col = int(cols[j])
+        best = terms[:, i, j]
+        person.score = float(best.sum())
+        place = grid.centre_of(row, col) if person.score <= p.score_max else None
+        return place, ScoreTerms(*best.tolist())
 
     def _terms(self, person: MapPerson, free: FreeMaps, placed: list[Place], rows: I64, cols: I64) -> F64:
         """(4, R, C) terms of the match score (eq. 4) at evenly spaced rows and columns of the grid."""
-        p, grid, n = self.params, free.maps.grid, free.n
-        part = slice(rows[0], rows[-1] + n), slice(cols[0], cols[-1] + n)
-        step, one_sided = int(rows[1] - rows[0]) if len(rows) > 1 else 1, self._height_max_m / 3
-        height, occupancy = differences(
-            person.template_height, person.template_occupancy, free.height[part], free.occupancy[part], one_sided, step
+        p = self.params
+        grid = free.maps.grid
+        part = slice(rows[0], rows[-1] + free.n), slice(cols[0], cols[-1] + free.n)
+        step = int(rows[1] - rows[0]) if len(rows) > 1 else 1
+        one_sided_m = self._height_max_m / 3
+        height, occupancy = mean_differences(
+            person.template_height,
+            person.template_occupancy,
+            free.height[part],
+            free.occupancy[part],
+            one_sided_m,
+            step,
         )
         typical = float(person.template_occupancy[person.template_height > 0].mean())
         row, col = grid.index_of(*person.predicted_m)
+        away = np.hypot(rows[:, None] - row, cols - col)
         separation = np.zeros(height.shape)
         # The paper's variance of W_avg has no unit of area; a deviation of W_avg / 2 was chosen.
-        for other_row, other_col in (grid.index_of(*place) for place in placed):
+        deviation = p.width_m / 2 / grid.cell_m
+        for place in placed:
+            other_row, other_col = grid.index_of(*place)
             squared = (rows[:, None] - other_row) ** 2 + (cols - other_col) ** 2
-            separation += np.exp(-0.5 * squared / (p.width_m / 2 / grid.cell_m) ** 2)
+            separation += np.exp(-0.5 * squared / deviation**2)
         return np.stack(
             [
-                p.height_weight / one_sided * height,
+                p.height_weight / one_sided_m * height,
                 p.occupancy_weight / max(typical, free.maps.occupancy_min, 1e-9) * occupancy,
-                p.distance_weight * grid.cell_m / p.width_m * np.hypot(rows[:, None] - row, cols - col),
+                p.distance_weight * grid.cell_m / p.width_m * away,
                 p.separation_weight * separation,
             ]
         )
@@ -271,8 +287,10 @@ class TemplateTracker(Carried):
     def _adapt(self, person: MapPerson, free: FreeMaps, gain: float) -> None:
         """Blend the maps into the templates; a gain of 1 extracts new ones."""
         window = free.window(person.measured_m)
-        height, occupancy = free.height[window], free.occupancy[window]
-        t_height, t_occupancy = person.template_height, person.template_occupancy
+        height = free.height[window]
+        occupancy = free.occupancy[window]
+        t_height = person.template_height
+        t_occupancy = person.template_occupancy
         t_occupancy += np.float32(gain) * (occupancy - t_occupancy)
         # A height is blended with a height: none is not a height of zero. It goes with its occupancy, as in the maps.
         both = (t_height > 0) & (height > 0)
@@ -285,47 +303,59 @@ class TemplateTracker(Carried):
         The paper does so after all people are tracked. Here it is done before the person is cleared, so that people
         tracked earlier are no maximum to move to.
         """
-        p, n = self.params, len(person.template_height)
-        rows, cols = np.nonzero(person.template_height)
-        filled = len(rows) / n**2
-        why = f"template {filled:.0%} filled" if filled < p.recentre_filled else ""
-        if not why and len(rows):
-            off_m = math.hypot(rows.mean() - n // 2, cols.mean() - n // 2) * free.maps.grid.cell_m
-            if off_m > p.recentre_offset * p.width_m:
-                why = f"centroid {off_m:.2f} m off"
-        peak = free.occupancy_peak(person.at_m) if why else None
+        why = self._slip(person.template_height, free.maps.grid.cell_m)
+        if not why:
+            return
+        peak = free.occupancy_peak(person.at_m)
         if peak is None:
             return
-        moved = math.dist(peak, person.at_m)
-        self._put(person, peak, person.kalman.moved_to(*peak), free)
-        self._life.note(person.existence, "recentred", f"by {moved:.2f} m: {why}", moved)
+        moved_m = math.dist(peak, person.at_m)
+        self._put(person, peak, person.kalman.move_to(*peak), free)
+        self._life.note(person.existence, "recentred", f"by {moved_m:.2f} m: {why}", moved_m)
+
+    def _slip(self, template_height: F32, cell_m: float) -> str:
+        """Sign that a template has slipped off its person; empty if it has not."""
+        n = len(template_height)
+        rows, cols = np.nonzero(template_height)
+        filled = len(rows) / n**2
+        if filled < self.params.recentre_filled:
+            return f"template {filled:.0%} filled"
+        if len(rows):
+            off_m = math.hypot(rows.mean() - n // 2, cols.mean() - n // 2) * cell_m
+            if off_m > self.params.recentre_offset * self.params.width_m:
+                return f"centroid {off_m:.2f} m off"
+        return ""
 
     def _put(self, person: MapPerson, at_m: Place, kalman: FloorKalman, free: FreeMaps) -> None:
         """Place a person, with new templates extracted there."""
-        person.measured_m, person.kalman = at_m, kalman
-        person.template_height[:] = person.template_occupancy[:] = 0.0
+        person.measured_m = at_m
+        person.kalman = kalman
+        person.template_height[:] = 0.0
+        person.template_occupancy[:] = 0.0
         self._adapt(person, free, 1.0)
 
     def _confirm_and_forget(self) -> None:
-        """A newcomer is a person after confirm_s without a miss, else noise; who is lost is kept for lost_s."""
-        keep = []
+        """Confirm newcomers after confirm_s without a miss, else end them; keep lost people for lost_s."""
+        kept = []
         for person in self._people:
-            who = person.existence
-            age_s, gone_s = self._life.age_s(who), self._life.unobserved_s(who)
-            if who.observed and not who.confirmed and age_s >= self.params.confirm_s - 1e-9:
-                self._life.confirm(who, f"tracked for {age_s:.2f} s without a miss", age_s)
-            if not who.confirmed and not who.observed:
-                self._life.prune(who, "missed before it was confirmed")
-            elif who.lost and gone_s > self.params.lost_s:
-                self._life.prune(who, f"lost for {gone_s:.1f} s", gone_s)
+            track = person.existence
+            age_s = self._life.age_s(track)
+            gone_s = self._life.unobserved_s(track)
+            if track.observed and not track.confirmed and age_s >= self.params.confirm_s - 1e-9:
+                self._life.confirm(track, f"tracked for {age_s:.2f} s without a miss", age_s)
+            if not track.confirmed and not track.observed:
+                self._life.prune(track, "missed before it was confirmed")
+            elif track.lost and gone_s > self.params.lost_s:
+                self._life.prune(track, f"lost for {gone_s:.1f} s", gone_s)
             else:
-                keep.append(person)
-        self._people = keep
+                kept.append(person)
+        self._people = kept
 
     def _find_newcomers(self, free: FreeMaps) -> None:
-        """Places of high occupancy and plausible height in what is left of the maps: lost people, or new ones."""
-        p, grid, n = self.params, free.maps.grid, free.n
-        half = n // 2
+        """Follow what is left of the maps with high occupancy and plausible height: lost people, or new ones."""
+        p = self.params
+        grid = free.maps.grid
+        half = free.n // 2
         inner = slice(half, half + grid.n_rows), slice(half, half + grid.n_cols)
         side = 2 * (half // 2) + 1  # W_avg
         while True:
@@ -339,19 +369,28 @@ class TemplateTracker(Carried):
                 return
             at_m = grid.centre_of(row, col)
             kalman = FloorKalman.at(*at_m, grid.cell_m)
-            lost = [(_apart(q, at_m), q.existence.track_id, q) for q in self._people if q.existence.lost]
-            away, _, person = min(lost, default=(math.inf, 0, None))
-            if person is not None and away <= p.reattach_m:
-                gone_s = self._life.unobserved_s(person.existence)
-                self._life.observe(person.existence, f"found {away:.2f} m away after {gone_s:.1f} s", away)
-            else:
+            person = self._reattach(at_m)
+            if person is None:
                 what = f"{tallest[row, col]:.2f} m tall, {area[row, col]:.2f} m2 visible"
-                blank = np.zeros((n, n), np.float32)
                 existence = self._life.spawn(what, float(area[row, col]))
-                person = MapPerson(existence, kalman, blank, blank.copy(), at_m, at_m)
+                height, occupancy = np.zeros((2, free.n, free.n), np.float32)
+                person = MapPerson(existence, kalman, height, occupancy, at_m, at_m)
                 self._people.append(person)
             self._put(person, at_m, kalman, free)
             free.clear(at_m)
+
+    def _reattach(self, at_m: Place) -> MapPerson | None:
+        """Observe the lost person nearest to a place again; None where nobody lost is near enough."""
+        lost = [person for person in self._people if person.existence.lost]
+        nearest = min(lost, key=lambda person: (person.distance_m(at_m), person.existence.track_id), default=None)
+        if nearest is None:
+            return None
+        away_m = nearest.distance_m(at_m)
+        if away_m > self.params.reattach_m:
+            return None
+        gone_s = self._life.unobserved_s(nearest.existence)
+        self._life.observe(nearest.existence, f"found {away_m:.2f} m away after {gone_s:.1f} s", away_m)
+        return nearest
 
     def debug(self) -> TrackerDebug:
         """Search zones, outlines of the templates with scores, and the templates themselves."""
@@ -368,38 +407,41 @@ class TemplateTracker(Carried):
         return TrackerDebug((zones, Drawing("template", "floor", tuple(outlines), tuple(labels))), dict(tiles))
 
 
-def differences(
+def mean_differences(
     template_height: F32, template_occupancy: F32, height: F32, occupancy: F32, one_sided: float, step: int = 1
 ) -> tuple[F64, F64]:
     """Mean height and occupancy differences (eq. 4) of templates (n, n) from every ``step``-th window of maps, float64.
 
-    Of the cells where template or map has height; one with height in exactly one of the two counts as ``one_sided``.
+    Only cells where template or map has height count; one with height in exactly one of the two as ``one_sided``.
     """
     shape = template_height.shape
-    windows, occupancies = (sliding_window_view(image, shape)[::step, ::step] for image in (height, occupancy))
-    known, present = template_height > 0, windows > 0
-    either = known | present
+    heights = sliding_window_view(height, shape)[::step, ::step]
+    occupancies = sliding_window_view(occupancy, shape)[::step, ::step]
+    in_template = template_height > 0
+    in_map = heights > 0
+    either = in_template | in_map
     used = np.count_nonzero(either, axis=(2, 3))
-    apart = np.where(known & present, np.abs(windows - template_height), np.float32(one_sided))
-    sums = (np.einsum("rcij,rcij->rc", either, of) for of in (apart, np.abs(occupancies - template_occupancy)))
-    heights, occupied = (total / np.maximum(used, 1) for total in sums)
-    return np.where(used > 0, heights, one_sided), occupied
+    apart = np.where(in_template & in_map, np.abs(heights - template_height), np.float32(one_sided))
+    height_sum = np.einsum("rcij,rcij->rc", either, apart)
+    occupancy_sum = np.einsum("rcij,rcij->rc", either, np.abs(occupancies - template_occupancy))
+    cells = np.maximum(used, 1)
+    return np.where(used > 0, height_sum / cells, one_sided), occupancy_sum / cells
 
 
-def _apart(person: MapPerson, at_m: Place) -> float:
-    """Distance of a place from a person's last predicted or measured location, whichever is nearer [m]."""
-    return min(math.dist(at_m, person.predicted_m), math.dist(at_m, person.measured_m))
+def _uncertainty(person: MapPerson) -> tuple[float, int]:
+    """Smaller for people whose place is more certain; of equal ones, for whoever came first."""
+    return person.kalman.position_std_m, abs(person.existence.track_id)
 
 
-def _state(person: MapPerson, cell_m: float, width_m: float, camera: FloorCamera | None) -> TrackState:
-    """The template's centre; the head is the highest of T_H within a torso's width of it."""
+def _state(person: MapPerson, near_cells: int, camera: FloorCamera | None) -> TrackState:
+    """Report the template's centre; the head is the highest of T_H within ``near_cells``, half a torso, of it."""
     half = len(person.template_height) // 2
-    near = slice(half - round(width_m / 2 / cell_m), half + round(width_m / 2 / cell_m) + 1)
-    height_m = float(person.template_height[near, near].max())
-    k, who = person.kalman, person.existence
-    height_m = height_m or math.nan
+    near = slice(half - near_cells, half + near_cells + 1)
+    height_m = float(person.template_height[near, near].max()) or math.nan
+    track = person.existence
+    k = person.kalman
     (box_px,) = person_boxes(camera, [(k.x_m, k.y_m, height_m)])
-    return TrackState(who.track_id, who.state, k.x_m, k.y_m, k.vx_mps, k.vy_mps, height_m, box_px)
+    return TrackState(track.track_id, track.state, k.x_m, k.y_m, k.vx_mps, k.vy_mps, height_m, box_px)
 
 
 def _square(at_m: Place, half_m: float) -> F32:

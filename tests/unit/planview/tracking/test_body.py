@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.types import F64
-from planview.tracking.body import CHEST_DEPTH, FACINGS, LEAN_M, TORSO, body_table, cylinders, thing_tables
+from planview.tracking.body import CHEST_DEPTH, FACINGS, LEAN_M, TORSO, body_table, enter_cylinders, thing_tables
 
 TABLE = body_table()
 LEVEL, DOWN = (round((math.radians(deg) - TABLE.angle_min_rad) / TABLE.angle_step_rad) for deg in (0.0, 90.0))
@@ -21,23 +21,23 @@ def middle(cover: F64) -> F64:
 
 @pytest.mark.parametrize(("turn", "before_m"), [(0.0, CHEST_DEPTH), (math.pi / 2, 1.0), (math.pi, CHEST_DEPTH)])
 def test_a_level_ray_enters_a_chest_its_half_depth_or_half_breadth_before_the_axis(turn, before_m):
-    enter = cylinders(0.0, np.zeros((1, 1)), np.zeros((1, 1)), CHEST, turn)
+    enter = enter_cylinders(0.0, np.zeros((1, 1)), np.zeros((1, 1)), CHEST, turn)
     assert -enter == pytest.approx(before_m * TORSO.torso_radius_m)
 
 
 def test_a_ray_misses_a_chest_seen_from_the_side_where_it_hits_one_seen_from_the_front():
     beside = np.full((1, 1), 0.9 * TORSO.torso_radius_m)
-    front, side = (cylinders(0.0, beside, np.zeros((1, 1)), CHEST, turn) for turn in (0.0, math.pi / 2))
+    front, side = (enter_cylinders(0.0, beside, np.zeros((1, 1)), CHEST, turn) for turn in (0.0, math.pi / 2))
     assert np.isfinite(front) and not np.isfinite(side)
 
 
 def test_a_chest_that_leans_is_half_as_far_ahead_as_the_head():
     above = np.full((1, 1), (0.9 - 0.5) * TORSO.height_m)
     head = ((0.85, 1.0, 0.08, 1.0),)
-    upright, leant = (cylinders(0.0, np.zeros((1, 1)), above, head, 0.0, lean) for lean in (0.0, 0.2))
+    upright, leant = (enter_cylinders(0.0, np.zeros((1, 1)), above, head, 0.0, lean) for lean in (0.0, 0.2))
     assert leant - upright == pytest.approx(0.2)
     chest = ((0.7, 0.8, 0.2, 1.0),)
-    upright, leant = (cylinders(0.0, np.zeros((1, 1)), above - 0.25, chest, 0.0, lean) for lean in (0.0, 0.2))
+    upright, leant = (enter_cylinders(0.0, np.zeros((1, 1)), above - 0.25, chest, 0.0, lean) for lean in (0.0, 0.2))
     assert leant - upright == pytest.approx(0.1)
 
 

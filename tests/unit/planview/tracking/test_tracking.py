@@ -18,7 +18,7 @@ from tests.human_model_world import CAMERA
 
 
 def test_correlated_noise_gives_the_matrix_equations() -> None:
-    kalman = FloorKalman.measured(np.zeros(2), np.array([[0.04, 0.01], [0.01, 0.09]]), 1.5)
+    kalman = FloorKalman.from_measurement(np.zeros(2), np.array([[0.04, 0.01], [0.01, 0.09]]), 1.5)
     state, covariance = np.zeros(4), np.diag([0.04, 0.09, 2.25, 2.25])
     covariance[0, 1] = covariance[1, 0] = 0.01
     dt, noise = 0.1, np.array([[0.05, -0.02], [-0.02, 0.03]])
@@ -29,32 +29,32 @@ def test_correlated_noise_gives_the_matrix_equations() -> None:
         state, covariance = forward @ state, forward @ covariance @ forward.T + 4.0 * push @ push.T
         gain = covariance[:, :2] @ np.linalg.inv(covariance[:2, :2] + noise)
         state, covariance = state + gain @ (measured - state[:2]), covariance - gain @ covariance[:2]
-        kalman = kalman.predicted(dt, 2.0).corrected(measured, noise)
+        kalman = kalman.predict(dt, 2.0).correct(measured, noise)
     np.testing.assert_allclose(kalman.mean, state, atol=1e-12)
     np.testing.assert_allclose(kalman.covariance, covariance, atol=1e-12)
 
 
 def test_certain_direction_follows_the_measurement():
-    kalman = FloorKalman.measured(np.zeros(2), np.eye(2), 0.0)
-    found = kalman.corrected(np.ones(2), np.diag([1e-9, 1e9]))
+    kalman = FloorKalman.from_measurement(np.zeros(2), np.eye(2), 0.0)
+    found = kalman.correct(np.ones(2), np.diag([1e-9, 1e9]))
     assert (found.x_m, found.y_m) == pytest.approx((1.0, 0.0), abs=1e-6)
 
 
 def test_kalman_learns_a_constant_velocity_and_grows_uncertain_without_measurements():
     state = FloorKalman.at(0.0, 0.0, 0.05)
     for i in range(1, 40):
-        state = state.predicted(0.1, 0.5).updated(0.1 * i, -0.05 * i, 0.05)
+        state = state.predict(0.1, 0.5).update(0.1 * i, -0.05 * i, 0.05)
     assert (state.vx_mps, state.vy_mps) == pytest.approx((1.0, -0.5), abs=0.02)
     assert state.position_std_m < 0.05
     state = FloorKalman.at(0.0, 0.0, 0.05, 0.0)
-    assert state.predicted(0.5, 2.0).position_std_m == pytest.approx(np.hypot(0.05, 2.0 * 0.5**2 / 2))
+    assert state.predict(0.5, 2.0).position_std_m == pytest.approx(np.hypot(0.05, 2.0 * 0.5**2 / 2))
 
 
 def test_the_place_that_a_search_found_is_that_of_the_posterior() -> None:
     noise, start = np.array([[0.05, -0.02], [-0.02, 0.03]]), np.array([[0.04, 0.01], [0.01, 0.02]])
-    kalman = FloorKalman.measured(np.array([1.0, 2.0]), start, 1.0).predicted(0.1, 2.0)
-    measured = kalman.corrected(np.array([1.2, 1.9]), noise)
-    found = kalman.found_at(measured.mean[:2], noise)
+    kalman = FloorKalman.from_measurement(np.array([1.0, 2.0]), start, 1.0).predict(0.1, 2.0)
+    measured = kalman.correct(np.array([1.2, 1.9]), noise)
+    found = kalman.correct_to(measured.mean[:2], noise)
     np.testing.assert_allclose(found.mean, measured.mean)
 
 
@@ -62,7 +62,7 @@ def test_the_place_that_a_search_found_is_that_of_the_posterior() -> None:
 def test_a_runner_has_the_own_speed_after_half_a_second(speed_mps) -> None:
     kalman = FloorKalman.at(0.0, 0.0, 0.05)
     for n in range(1, 9):
-        kalman = kalman.predicted(1 / 15, 2.0).updated(n / 15 * speed_mps, 0.0, 0.03)
+        kalman = kalman.predict(1 / 15, 2.0).update(n / 15 * speed_mps, 0.0, 0.03)
     assert kalman.vx_mps == pytest.approx(speed_mps, rel=0.1) and kalman.vy_mps == pytest.approx(0.0)
 
 

@@ -8,7 +8,7 @@ from toy_people import look_at, oblique_camera, towards
 from planview.maps.view import SURFACE, UNKNOWN, View
 from planview.tracking import body
 from planview.tracking.explain.births import Births
-from planview.tracking.explain.explanation import Explanation, People, Samples, about, upright
+from planview.tracking.explain.explanation import Explanation, People, Samples, loose_prior, upright_pose
 from planview.tracking.explain.samples import EX, EY, LAYERS, PARTS, THROUGH, SampleArrays
 from planview.tracking.joint.ranges import JointParams, likelihood_of_ranges
 
@@ -21,7 +21,9 @@ SAME = np.ones((PARTS, 200), np.float32)
 def people_of(*poses: tuple[float, ...]) -> People:
     n = len(poses)
     ratios = np.ones((n, PARTS, 200), np.float32)
-    return People(np.array([upright(pose) for pose in poses]).reshape(-1, 5), np.ones(n), np.tile(TALL, (n, 1)), ratios)
+    return People(
+        np.array([upright_pose(pose) for pose in poses]).reshape(-1, 5), np.ones(n), np.tile(TALL, (n, 1)), ratios
+    )
 
 
 def plain(samples: SampleArrays) -> None:
@@ -38,8 +40,8 @@ def explained(seen: View) -> Explanation:
 def around(frame: Explanation, pose: np.ndarray, others: People | None = None) -> Samples:
     """The samples around somebody with others on their rays."""
     people = others or people_of()
-    samples = frame.around(pose, 0.3)
-    samples.layer(people, np.arange(len(people.poses)))
+    samples = frame.samples_around(pose, 0.3)
+    samples.lay_others(people, np.arange(len(people.poses)))
     return samples
 
 
@@ -50,10 +52,10 @@ def test_evidence_of_a_person_is_the_difference_of_two_likelihoods(other, unknow
     seen = look_at(oblique_camera(), [far, other])
     seen.kind[:unknown_rows] = UNKNOWN
     every_pixel = JointParams(patch_m=0.011)
-    dense = Explanation((seen,), likelihood_of_ranges(every_pixel)).around(upright(far), 0.4)
+    dense = Explanation((seen,), likelihood_of_ranges(every_pixel)).samples_around(upright_pose(far), 0.4)
     plain(dense.arrays)
-    dense.layer(people_of(far, other), np.array([1]))
-    found = dense.log_ratio(upright(far), TALL, SAME)
+    dense.lay_others(people_of(far, other), np.array([1]))
+    found = dense.log_ratio(upright_pose(far), TALL, SAME)
     # Arms reach as far in both: what lies near one of the two lies near the other.
     without, both = (log_likelihood(seen, people, PARAMS, [other]) for people in ([other], [other, far]))
     assert found == pytest.approx(both - without, rel=0.03)
@@ -75,10 +77,10 @@ def test_pixels_that_show_nothing_are_no_evidence_and_not_in_the_visible_share()
     shares, evidence = [], []
     for hidden in (slice(0), np.s_[:, :80], np.s_[:]):
         seen.kind[hidden] = UNKNOWN
-        samples = around(explained(seen), upright(ADULT))
-        mine, known, total = samples.visible(upright(ADULT), TALL, SAME).tolist()
+        samples = around(explained(seen), upright_pose(ADULT))
+        mine, known, total = samples.visible_patches(upright_pose(ADULT), TALL, SAME).tolist()
         shares.append((mine / max(known, 1e-9), known / total))
-        evidence.append(samples.log_ratio(upright(ADULT), TALL, SAME))
+        evidence.append(samples.log_ratio(upright_pose(ADULT), TALL, SAME))
     assert shares[0] == pytest.approx((shares[1][0], 1.0), abs=0.03) and 0.4 < shares[1][1] < 0.6
     assert shares[2] == (0.0, 0.0) and evidence[2] == 0.0 and evidence[0] > evidence[1] > 5.0
 
@@ -88,8 +90,8 @@ def test_of_five_people_on_a_ray_the_four_nearest_count_in_any_order():
     frame = explained(look_at(oblique_camera(height_m=1.6, tilt_deg=88.0), row[:1]))
     found = []
     for order in ([1, 2, 3, 4, 5], [5, 4, 3, 2, 1]):
-        samples = frame.around(upright(row[0]), 0.3)
-        samples.layer(people_of(*row), np.array(order))
+        samples = frame.samples_around(upright_pose(row[0]), 0.3)
+        samples.lay_others(people_of(*row), np.array(order))
         n = samples.arrays.size[0]
         assert samples.arrays.counts[:n].max() == LAYERS
         past = np.arange(LAYERS + 1) > samples.arrays.counts[:n, None]
@@ -101,43 +103,43 @@ def test_of_five_people_on_a_ray_the_four_nearest_count_in_any_order():
 
 
 def test_a_person_where_the_background_is_seen_is_unlikely():
-    samples = around(explained(look_at(oblique_camera(), [])), upright(ADULT))
-    assert samples.log_ratio(upright(ADULT), TALL, SAME) < -50
+    samples = around(explained(look_at(oblique_camera(), [])), upright_pose(ADULT))
+    assert samples.log_ratio(upright_pose(ADULT), TALL, SAME) < -50
 
 
 def test_a_hidden_person_costs_nothing():
     front = (0.0, 2.4, 1.85)
     frame = explained(look_at(oblique_camera(tilt_deg=85.0), [front]))
-    behind = upright((0.0, 3.1, 1.5))
+    behind = upright_pose((0.0, 3.1, 1.5))
     assert around(frame, behind, people_of(front)).log_ratio(behind, TALL, SAME) > -3
 
 
 def test_ascent_finds_a_person_from_a_walkers_error_of_prediction():
     frame = explained(look_at(oblique_camera(), [(*ADULT, np.pi / 2)]))
-    start = upright((0.15, 2.85, 1.62))
-    around(frame, start).ascend(start, start.copy(), about(1.0, 1.0), TALL, SAME)
+    start = upright_pose((0.15, 2.85, 1.62))
+    around(frame, start).ascend(start, start.copy(), loose_prior(1.0, 1.0), TALL, SAME)
     assert start[:3] == pytest.approx(ADULT, abs=0.05)
 
 
 @pytest.mark.parametrize(("height_m", "shape"), [(1.75, "body"), (1.15, "body"), (1.05, "box")])
 def test_a_body_explains_a_body_better_than_a_box_and_a_box_a_box(height_m, shape):
     table = body.thing_tables()[1] if shape == "box" else None
-    pose = upright((0.0, 3.0, height_m))
+    pose = upright_pose((0.0, 3.0, height_m))
     samples = around(explained(look_at(oblique_camera(), [(*pose[:3], np.pi / 2)], table=table)), pose)
-    samples.ascend(pose, pose.copy(), about(1.0, 1.0), TALL, SAME)
+    samples.ascend(pose, pose.copy(), loose_prior(1.0, 1.0), TALL, SAME)
     ratio = samples.against_thing(pose, TALL)
     assert ratio > 0 if shape == "body" else ratio < -5
 
 
 def test_bodies_do_not_stand_in_each_other():
-    frame, pose = explained(look_at(oblique_camera(), [])), upright(ADULT)
+    frame, pose = explained(look_at(oblique_camera(), [])), upright_pose(ADULT)
     priors = [around(frame, pose, people_of((0.0, y, 1.7))).log_prior(pose, TALL) for y in (3.5, 3.1)]
     assert priors[0] == pytest.approx(0.0, abs=0.01) and priors[1] < -8
 
 
 def test_height_shows_where_the_head_is_in_view_and_nobody_taller_could_be():
     frame = explained(look_at(oblique_camera(height_m=1.0, tilt_deg=75.0), []))
-    near, far = upright((0.0, 1.2, 0.8)), upright((0.0, 6.0, 0.8))
+    near, far = upright_pose((0.0, 1.2, 0.8)), upright_pose((0.0, 6.0, 0.8))
     assert frame.in_view(near) and not frame.shows_height(near, 1.7, 0.12)  # the head of 1.7 m would be above the view
     assert frame.shows_height(near, 0.85, 0.12)  # of somebody known to sit
     assert frame.shows_height(far, 1.7, 0.12)
@@ -151,9 +153,9 @@ ABOVE = (0.0, 0.6, 1.75)
 @pytest.mark.parametrize("lean", [0.0, 0.2])
 def test_a_search_finds_which_way_a_body_faces_and_with_a_lean_also_front_from_back(facing_deg, lean):
     facing = np.deg2rad(facing_deg)
-    pose = upright(ABOVE)
+    pose = upright_pose(ABOVE)
     samples = around(explained(look_at(STEEP, [(*ABOVE, facing, lean)])), pose)
-    samples.ascend(pose, pose.copy(), about(0.2, 0.5), TALL, SAME)
+    samples.ascend(pose, pose.copy(), loose_prior(0.2, 0.5), TALL, SAME)
     turns = 1 if lean else 2  # upright, front and back look the same
     off = turns * (pose[3] - facing)
     assert np.rad2deg(abs(np.arctan2(np.sin(off), np.cos(off)))) / turns < 25.0
@@ -166,11 +168,11 @@ def test_points_of_a_surface_are_fresh_until_they_are_tried_and_again_when_it_mo
     frame, births = explained(seen), Births(PARAMS)
     (owned,) = frame.assign_pixels(people_of())
     births.prepare([seen])
-    which, points = births._fresh(0, frame, owned)
+    which, points = births._fresh_in_view(0, frame, owned)
     np.testing.assert_array_equal(which, np.arange(len(owned.pixels)))
     plain_points = seen.rays.centre_m + (seen.range_m[..., None] * towards(seen.rays)).reshape(-1, 3)[owned.pixels]
     np.testing.assert_allclose(points[:3].T, plain_points, atol=1e-4)
     np.testing.assert_array_equal(points[3:], [owned.lacking, owned.colours])
     births._tried_m[0][:] = seen.range_m
     births._tried_m[0].reshape(-1)[owned.pixels[0]] -= 5.0
-    assert births._fresh(0, frame, owned)[0].tolist() == [0]
+    assert births._fresh_in_view(0, frame, owned)[0].tolist() == [0]

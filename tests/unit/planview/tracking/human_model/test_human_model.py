@@ -11,11 +11,11 @@ from planview.foreground.params import BACKGROUND, PERSON, WALKER
 from planview.maps.view import BACKGROUND_SEEN, PixelRays, View
 from planview.tracking import body
 from planview.tracking.base import Observation
-from planview.tracking.explain.explanation import People, about, upright
+from planview.tracking.explain.explanation import People, loose_prior, upright_pose
 from planview.tracking.explain.samples import PARTS
 from planview.tracking.human_model import HumanModelParams, HumanModelTracker
 from planview.tracking.human_model.explanation import MaskExplanation, likelihood_of_masks, silhouette
-from planview.tracking.human_model.walker import FloorPlaces, ModelMatch, births, matches
+from planview.tracking.human_model.walker import FloorPlaces, ModelMatch, find_newcomers, match_hulls
 from tests.human_model_world import BLUE, CAMERA, FPS, MAP, PARAMS, RED, Drawn, World, confirmed, run
 from tests.reference.explain import log_likelihood_of_mask
 
@@ -158,7 +158,7 @@ RAYS = PixelRays.of(CAMERA)
 TALL = np.array([body.HEIGHT_MEAN_M, body.HEIGHT_STD_M])
 NOBODY = np.zeros(0, np.int64)
 SAME = np.ones((PARTS, 200), np.float32)
-KNOWN = about(0.5, 0.13)
+POSE_PRIOR = loose_prior(0.5, 0.13)
 
 
 def frame_of(*people: Drawn) -> MaskExplanation:
@@ -171,14 +171,14 @@ def explained(seen: View, params: HumanModelParams = COLOURLESS) -> MaskExplanat
 
 def people_at(*poses: tuple[float, float, float]) -> People:
     n = len(poses)
-    at = np.array([upright(pose) for pose in poses]).reshape(-1, 5)
+    at = np.array([upright_pose(pose) for pose in poses]).reshape(-1, 5)
     return People(at, np.ones(n), np.tile(TALL, (n, 1)), np.ones((n, PARTS, 200), np.float32))
 
 
 def evidence(frame: MaskExplanation, pose: tuple[float, float, float], *others: tuple[float, float, float]) -> float:
-    at, known = upright(pose), people_at(*others, pose)
-    samples = frame.around(at, 0.5)
-    samples.layer(known, np.arange(len(others)))
+    at, known = upright_pose(pose), people_at(*others, pose)
+    samples = frame.samples_around(at, 0.5)
+    samples.lay_others(known, np.arange(len(others)))
     return samples.log_ratio(at, TALL, SAME)
 
 
@@ -190,11 +190,11 @@ def test_evidence_is_the_difference_of_two_plain_likelihoods(pose, others):
     shadow[60:70, 70:90] = 255
     every_pixel = COLOURLESS.model_copy(update={"patch_m": 0.0101})
     frame = explained(View.of_mask(seen.foreground, seen.motion, None, shadow), every_pixel)
-    samples = frame.around(upright(pose), 0.5)
+    samples = frame.samples_around(upright_pose(pose), 0.5)
     assert samples.arrays.size[0] < 3000, "every pixel is a sample"
     samples.arrays.pixels["weight"] = 1.0
-    samples.layer(people_at(*others, pose), np.arange(len(others)))
-    found = samples.log_ratio(upright(pose), TALL, SAME)
+    samples.lay_others(people_at(*others, pose), np.arange(len(others)))
+    found = samples.log_ratio(upright_pose(pose), TALL, SAME)
     without, both = (log_likelihood_of_mask(frame, people, others, TALL[0]) for people in (others, [*others, pose]))
     assert found == pytest.approx(both - without, rel=0.03, abs=0.5)
 
@@ -229,20 +229,20 @@ def test_evidence_of_many_samples_of_one_weight_is_a_number():
 
 
 def test_ascent_finds_the_person_from_a_walkers_error_of_prediction_and_knows_it_better_across_the_ray():
-    frame, start = frame_of((0.0, 6.0, RED)), upright((0.2, 6.3, 1.7))
-    samples, pose = frame.around(start, 0.5), start.copy()
-    samples.layer(people_at((0.2, 6.3, 1.7)), NOBODY)
-    _, curvature = samples.ascend(pose, start, KNOWN, TALL, SAME)
+    frame, start = frame_of((0.0, 6.0, RED)), upright_pose((0.2, 6.3, 1.7))
+    samples, pose = frame.samples_around(start, 0.5), start.copy()
+    samples.lay_others(people_at((0.2, 6.3, 1.7)), NOBODY)
+    _, curvature = samples.ascend(pose, start, POSE_PRIOR, TALL, SAME)
     assert pose[:2] == pytest.approx([0.0, 6.0], abs=0.15)
-    noise, _ = samples.noise(pose, curvature)
+    noise, _ = samples.precision(pose, curvature)
     assert 0.0 < noise[0, 0] < noise[1, 1]
 
 
 def test_two_side_by_side_explain_two_better_than_one_does_and_a_second_in_the_outline_of_one_does_not():
     frame = frame_of((-0.35, 6.0, RED), (0.35, 6.0, BLUE))
-    assert frame.pair(0, 1, people_at((-0.35, 6.0, 1.76), (0.35, 6.0, 1.76)))[0] > 8.0
+    assert frame.weigh_pair(0, 1, people_at((-0.35, 6.0, 1.76), (0.35, 6.0, 1.76)))[0] > 8.0
     frame = frame_of((0.0, 6.0, RED))
-    assert frame.pair(0, 1, people_at((0.0, 6.4, 1.7), (0.0, 5.9, 1.76)))[0] < 0.0
+    assert frame.weigh_pair(0, 1, people_at((0.0, 6.4, 1.7), (0.0, 5.9, 1.76)))[0] < 0.0
 
 
 def test_owners_are_the_people_in_whose_outline_pixels_are():
@@ -267,7 +267,7 @@ def test_one_is_born_at_a_place_whose_hull_gains_enough_and_none_is_ruled_out_be
     ])  # fmt: skip
     assert len(found) and found.tolist() == np.flatnonzero(plain * places.scale >= 4.0).tolist()
     assert scores == pytest.approx(plain[found], rel=1e-3)
-    born, poses = births(places, frame, known, owned, 0.0, PARAMS)
+    born, poses = find_newcomers(places, frame, known, owned, 0.0, PARAMS)
     assert [b.at_m for b in born] == [pytest.approx((1.0, 6.0), abs=0.25)]
     assert poses.tolist() == [[-1.0, 6.0, 1.76, 0.0, 0.0]]
 
@@ -285,16 +285,16 @@ def test_match_is_equation_1():
     surface = np.zeros((20, 30), np.uint8)
     surface[5:15, 5:15] = 255
     half = np.array([[5.0, 5.0], [9.0, 5.0], [9.0, 14.0], [5.0, 14.0]])
-    (alone,) = matches([half], surface)
+    (alone,) = match_hulls([half], surface)
     assert alone == ModelMatch(pytest.approx(0.5), pytest.approx(1.0), 0.0)
-    both = matches([half, half], surface)[0]
+    both = match_hulls([half, half], surface)[0]
     assert both.overlap == pytest.approx(0.5) and both.score == pytest.approx(1.0)
-    assert matches([None], surface) == [ModelMatch()]
+    assert match_hulls([None], surface) == [ModelMatch()]
 
 
 def test_one_more_person_gains_on_foreground_and_loses_on_background():
     frame = frame_of((0.0, 6.0, RED))
-    shown, empty = (frame.owned(0, people_at(), np.flatnonzero(frame.kind == kind)) for kind in (1, 0))
+    shown, empty = (frame.owners(0, people_at(), np.flatnonzero(frame.kind == kind)) for kind in (1, 0))
     p = frame.likelihood.model[0]
     assert shown.lacking == pytest.approx(np.log(p["body"] / p["background"]), rel=1e-4)
     assert empty.lacking == pytest.approx(np.log((1.0 - p["body"]) / (1.0 - p["background"])), rel=1e-4)

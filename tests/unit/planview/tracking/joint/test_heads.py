@@ -14,8 +14,8 @@ from toy_people import look_at, oblique_camera, observed
 
 from planview.maps.view import PixelRays, View
 from planview.tracking import body
-from planview.tracking.explain.births import _behind
-from planview.tracking.explain.explanation import Explanation, upright
+from planview.tracking.explain.births import _place_behind
+from planview.tracking.explain.explanation import Explanation, upright_pose
 from planview.tracking.joint import JointTracker
 from planview.tracking.joint.ranges import JointParams, likelihood_of_ranges
 from planview.trajectories.state import TrackState
@@ -70,8 +70,8 @@ def test_what_heads_at_one_place_have_seen_is_kept_apart() -> None:
     tracker, heads = JointTracker(), (head(120), head(80, turn_deg=30.0))
     follow([[look_at(rays, [(-0.4, 3.0, 1.75)]) for rays in heads]] * 3, tracker)
     (person,) = tracker._people
-    assert [seen.shape for seen in person.counted.values()] == [rays.shape for rays in heads]
-    assert all(seen.any() for seen in person.counted.values())
+    assert [seen.shape for seen in person.proof.spent.values()] == [rays.shape for rays in heads]
+    assert all(seen.any() for seen in person.proof.spent.values())
     assert all(tried.any() for tried in tracker._births._tried_m)
 
 
@@ -83,16 +83,16 @@ FACING = tuple(look_at(rays, []) for rays in (head(80), head(80, (0.0, 10.0), 18
 )
 def test_a_newcomer_stands_behind_its_surface_as_the_heads_look_that_saw_it(cameras, behind) -> None:
     frame = Explanation(FACING, likelihood_of_ranges(JointParams()))
-    points = np.array([[0.0, 4.0, 1.5, 2.0, 0.0]] * 2)
-    assert _behind(points, np.array(cameras), frame).tolist() == pytest.approx(
+    points = np.array([[0.0, 4.0, 1.5, 2.0, 0.0]] * 2).T
+    assert _place_behind(points, np.array(cameras), frame).tolist() == pytest.approx(
         [0.0, 4.0 + behind * body.TORSO.torso_radius_m]
     )
 
 
 def test_people_are_explained_from_the_nearest_to_any_head_on() -> None:
-    poses = np.array([upright((0.0, y, 1.7)) for y in (4.0, 9.0)])
+    poses = np.array([upright_pose((0.0, y, 1.7)) for y in (4.0, 9.0)])
     for views in (FACING, FACING[::-1]):
-        assert Explanation(views, likelihood_of_ranges(JointParams())).nearest_first(poses).tolist() == [1, 0]
+        assert Explanation(views, likelihood_of_ranges(JointParams())).order_by_distance(poses).tolist() == [1, 0]
 
 
 def test_arrays_that_do_not_fit_each_other_are_refused() -> None:

@@ -10,8 +10,8 @@ from toy_people import look_at, oblique_camera, observed
 from planview.maps.view import UNKNOWN
 from planview.tracking import body
 from planview.tracking.base import Observation
-from planview.tracking.explain.explanation import upright
-from planview.tracking.explain.person import Person
+from planview.tracking.explain.explanation import upright_pose
+from planview.tracking.explain.person import Glimpse, Person
 from planview.tracking.joint import JointTracker
 from planview.trajectories.state import TrackState
 
@@ -120,7 +120,8 @@ def test_a_low_body_and_another_in_its_place_become_the_upright_person_that_expl
     tracker, noise = JointTracker(), 0.05**2 * np.eye(2)
     tracker.update(observed(0, 0.0, look_at(CAMERA, [])))
     for pose in ((0.0, 2.95, 1.0), (0.0, 3.15, 1.7)):
-        person = Person.born(upright(pose), noise, 100.0, 4.0, 0.0)
+        person = Person.newcomer(upright_pose(pose), noise, 100.0, Glimpse(0.0, 1.0), 0.0)
+        person.log_odds = 4.0
         person.track_id = len(tracker._people) + 1
         tracker._people.append(person)
     tracker._people[0].confirmed = True

@@ -11,7 +11,7 @@ from planview.maps.plan_view import FloorPoints, PlanViewMaps
 from planview.maps.view import View
 from planview.tracking.base import Observation
 from planview.tracking.template import TemplateParams, TemplateTracker
-from planview.tracking.template.tracker import differences
+from planview.tracking.template.tracker import mean_differences
 from planview.trajectories.state import TrackState
 
 GRID = Grid(-3.0, -3.0, 0.1, 60, 60)
@@ -172,7 +172,7 @@ def test_observation_without_maps_and_time_that_runs_backwards_are_refused():
 def test_difference_counts_one_sided_cells_as_h_max_thirds() -> None:
     template = np.array([[1.5, 0.0], [1.0, 0.0]], np.float32)
     seen = np.array([[1.7, 0.9], [0.0, 0.0]], np.float32)
-    height, occupancy = differences(template, template, seen, seen, 0.8)
+    height, occupancy = mean_differences(template, template, seen, seen, 0.8)
     assert height[0, 0] == pytest.approx((0.2 + 0.8 + 0.8) / 3, abs=1e-6)
     assert occupancy[0, 0] == pytest.approx((0.2 + 0.9 + 1.0) / 3, abs=1e-6)
 
@@ -182,7 +182,7 @@ def test_difference_is_none_where_the_template_was_moved_and_all_over_an_empty_f
     template = np.where(rng.random((5, 5)) < 0.5, rng.uniform(0.1, 2.0, (5, 5)), 0.0).astype(np.float32)
     height = np.zeros((20, 20), np.float32)
     height[8:13, 6:11] = template
-    apart, _ = differences(template, template, height, height, 0.8)
+    apart, _ = mean_differences(template, template, height, height, 0.8)
     assert apart.shape == (16, 16) and apart[8, 6] == pytest.approx(0.0, abs=1e-6) and (apart > 0.0).sum() == 255
     nothing = np.zeros((5, 5), np.float32)
-    assert differences(nothing, nothing, nothing, nothing, 0.8) == (0.8, 0.0)
+    assert mean_differences(nothing, nothing, nothing, nothing, 0.8) == (0.8, 0.0)
