@@ -39,7 +39,8 @@ class ParticleFilter(Carried):
 
     def __init__(self, count: int, speed_mps: float, rng: np.random.Generator) -> None:
         """Args: speed_mps: deviation of each velocity component of a new object."""
-        self._speed_mps, self._rng = speed_mps, rng
+        self._speed_mps = speed_mps
+        self._rng = rng
         self.particles: F64 = np.zeros((count, 0, 7))
         self._surprise: F64 = np.zeros((count, 0))
 
@@ -48,35 +49,44 @@ class ParticleFilter(Carried):
         shape = (len(self.particles), 1)
         self.particles = np.concatenate([self.particles, np.zeros((*shape, 7))], axis=1)
         self._surprise = np.concatenate([self._surprise, np.zeros(shape)], axis=1)
-        self._place(-1, ellipse, size, np.zeros(2), self._speed_mps)
+        self._scatter(-1, ellipse, size, np.zeros(2), self._speed_mps)
 
     def find_again(self, n: int, ellipse: F64, size: Size, velocity: F64) -> None:
         """Sample object n again around a measured ellipse; velocity (2,) in cells per second."""
-        self._place(n, ellipse, size, velocity, self._speed_mps / 2)
+        self._scatter(n, ellipse, size, velocity, self._speed_mps / 2)
 
-    def _place(self, n: int, ellipse: F64, size: Size, velocity: F64, speed_mps: float) -> None:
+    def _scatter(self, n: int, ellipse: F64, size: Size, velocity: F64, speed_mps: float) -> None:
+        """Sample object n around an ellipse."""
         x, y, a, b, angle = ellipse
-        half, speed = float(size.half_lengths(y)), speed_mps * float(size.cells_per_m(y))
-        mean = np.array([x, y, *velocity, math.log(a / half), math.log(b / (half * size.aspect)), angle])
+        half = float(size.half_lengths(y))
+        speed = speed_mps * float(size.cells_per_m(y))
         shape = SHAPE_SPREAD / 2
+        mean = np.array([x, y, *velocity, math.log(a / half), math.log(b / (half * size.aspect)), angle])
         deviation = np.array([0.1 * b, 0.1 * b, speed, speed, shape, shape, size.lean / 2])
         self.particles[:, n] = mean + deviation * self._rng.standard_normal((len(self.particles), 7))
 
     def keep(self, index: I64) -> None:
         """Keep only the objects of these columns."""
-        self.particles, self._surprise = self.particles[:, index].copy(), self._surprise[:, index].copy()
+        self.particles = self.particles[:, index].copy()
+        self._surprise = self._surprise[:, index].copy()
 
     def predict(self, dt_s: float, size: Size, cells_per_m: F64) -> None:
-        """Draw from the transition of equation (6), the proposal of equation (11), dt after the last frame; cells per
-        metre (N,) where each object is."""
-        p, noise = self.particles, self._rng.standard_normal(self.particles.shape, dtype=np.float32)
+        """Draw from the transition of equation (6), the proposal of equation (11), dt_s after the last frame.
+
+        Args:
+            cells_per_m: (N,) where each object is.
+        """
+        noise = self._rng.standard_normal(self.particles.shape, dtype=np.float32)
+        position = self.particles[..., :VX]
+        velocity = self.particles[..., VX:LN_A]
+        shape = self.particles[..., LN_A:]
         push = body.ACCELERATION_MPS2 * cells_per_m[:, None] * dt_s
         pull = np.hypot(0.5 * push * dt_s, JITTER_M * cells_per_m[:, None])
+        position += velocity * dt_s + pull * noise[..., :VX]
+        velocity += push * noise[..., VX:LN_A]
         stays = math.exp(-dt_s / SHAPE_TIME_S)
         spread = np.array([SHAPE_SPREAD, SHAPE_SPREAD, size.lean])
-        p[..., :VX] += p[..., VX:LN_A] * dt_s + pull * noise[..., :VX]
-        p[..., VX:LN_A] += push * noise[..., VX:LN_A]
-        p[..., LN_A:] = stays * p[..., LN_A:] + math.sqrt(1.0 - stays * stays) * spread * noise[..., LN_A:]
+        shape[:] = stays * shape + math.sqrt(1.0 - stays * stays) * spread * noise[..., LN_A:]
         self._surprise = 0.5 * (noise**2).sum(axis=2)
 
     def weigh(self, n: int, measured: U8, others: U8, size: Size, area: float) -> F64:
@@ -93,40 +103,51 @@ class ParticleFilter(Carried):
             area: of one object [cells], the unit of the deviation.
         Returns: (7,) the most probable particle, moved to the mean of its mode.
         """
-        p = self.particles[:, n].copy()
-        covered, outside = overlaps(ellipses_of(p, size), [measured > others, (measured | others) == 0])
+        particles = self.particles[:, n].copy()
+        free = measured > others
+        empty = (measured | others) == 0
+        covered, outside = overlap_areas(ellipses_of(particles, size), [free, empty])
         missed = covered.max() - covered
         log_likelihood = -0.5 * (missed**2 + outside**2) / (OVERLAP_DEVIATION * area) ** 2
         weights = np.exp(log_likelihood - log_likelihood.max())
         weights /= weights.sum()
         # The largest likelihood times transition density; alone it is as noisy as the sampling.
-        best = p[int(np.argmax(log_likelihood - self._surprise[:, n]))]
+        best = particles[int(np.argmax(log_likelihood - self._surprise[:, n]))]
         width = 0.5 * float(size.half_lengths(best[Y])) * size.aspect
-        near = weights * np.exp(-0.5 * ((p[:, :VX] - best[:VX]) ** 2).sum(axis=1) / width**2)
-        comb = (np.arange(len(p)) + self._rng.random()) / len(p)
-        index = np.minimum(np.searchsorted(np.cumsum(weights), comb), len(p) - 1)
-        self.particles[:, n] = p[index]
-        return np.asarray(near @ p / near.sum())
+        away = ((particles[:, :VX] - best[:VX]) ** 2).sum(axis=1)
+        near = weights * np.exp(-0.5 * away / width**2)
+        comb = (np.arange(len(particles)) + self._rng.random()) / len(particles)
+        index = np.searchsorted(np.cumsum(weights), comb)
+        self.particles[:, n] = particles[np.minimum(index, len(particles) - 1)]
+        return np.asarray(near @ particles / near.sum())
 
 
 def ellipses_of(states: F64, size: Size) -> F64:
     """(N, 5) ellipses (x, y, a, b, angle) of (N, 7) states."""
     half = size.half_lengths(states[:, Y])
+    long = half * np.exp(states[:, LN_A])
     wide = half * size.aspect * np.exp(states[:, LN_B])
-    return np.column_stack([states[:, X], states[:, Y], half * np.exp(states[:, LN_A]), wide, states[:, ANGLE]])
+    return np.column_stack([states[:, X], states[:, Y], long, wide, states[:, ANGLE]])
 
 
-def overlaps(ellipses: F64, masks: Sequence[Bool]) -> F64:
+def overlap_areas(ellipses: F64, masks: Sequence[Bool]) -> F64:
     """(K, N) areas of (N, 5) ellipses inside each of K masks (R, C) [cells]."""
     x, y, a, b, angle = ellipses.T[..., None].astype(np.float32)
-    s, c, (n_rows, n_cols) = np.sin(angle), np.cos(angle), masks[0].shape
+    n_rows, n_cols = masks[0].shape
+    s = np.sin(angle)
+    c = np.cos(angle)
     # In the row t * down below its centre an ellipse covers x + t * lean +- half.
-    down, t = np.hypot(a * c, b * s), ((2.0 * np.arange(COVER_ROWS) + 1.0) / COVER_ROWS - 1.0).astype(np.float32)
-    middle, half = x + t * ((a * a - b * b) * s * c / down), a * b / down * np.sqrt(1.0 - t * t)
+    t = ((2.0 * np.arange(COVER_ROWS) + 1.0) / COVER_ROWS - 1.0).astype(np.float32)
+    down = np.hypot(a * c, b * s)
+    middle = x + t * ((a * a - b * b) * s * c / down)
+    half = a * b / down * np.sqrt(1.0 - t * t)
+    row = np.clip(np.rint(y + t * down), -1, n_rows).astype(np.int32) + 1
+    first = np.clip(np.rint(middle - half + 0.5), 0, n_cols).astype(np.int32)
+    last = np.clip(np.rint(middle + half + 0.5), 0, n_cols).astype(np.int32)
     # Left of each edge; nothing is covered beyond the border.
     sums = np.zeros((len(masks), n_rows + 2, n_cols + 1), np.int32)
     np.cumsum(masks, axis=2, out=sums[:, 1:-1, 1:])
-    row = np.clip(np.rint(y + t * down), -1, n_rows).astype(np.int32) + 1
-    ends = (np.clip(np.rint(middle + side * half + 0.5), 0, n_cols).astype(np.int32) for side in (-1, 1))
-    first, last = (sums.reshape(len(masks), -1).take(row * (n_cols + 1) + end, axis=1) for end in ends)
-    return np.asarray(2.0 * down[:, 0] / COVER_ROWS * (last - first).sum(axis=2), dtype=np.float64)
+    flat = sums.reshape(len(masks), -1)
+    start = row * (n_cols + 1)
+    covered = flat.take(start + last, axis=1) - flat.take(start + first, axis=1)
+    return np.asarray(2.0 * down[:, 0] / COVER_ROWS * covered.sum(axis=2), dtype=np.float64)

@@ -28,9 +28,12 @@ FILLED = 0.75
 UPRIGHT = 0.4
 """Mean cosine of twice the angle of regions below which people point anywhere, as seen from straight above; of upright
 walkers, a quarter of them in pairs side by side, it is 0.5. Our choice."""
-FIRST, KEPT = 15, 600
+REGIONS_MIN = 15
+REGIONS_MAX = 600
 """Regions from which a size is learned, and the most that are kept, evenly thinned."""
 FOOT, LENGTH, WIDTH, AREA, MAJOR, MINOR, LEAN, CUT = range(8)
+"""Columns of regions: row of the feet, height, width and area in the image; lengths of both axes, cosine of twice the
+angle of the longer one, and 1 where the border cuts the region."""
 
 
 class Size(NamedTuple):
@@ -79,23 +82,29 @@ def size_of_camera(camera: GroundCamera) -> Size | None:
     feet = np.linspace(0.0, 2.0 * camera.height, 50)
     floor = camera.back_project(np.column_stack([np.full(50, (camera.width - 1) / 2), feet]))
     heads = camera.project(np.column_stack([floor, np.full(50, HEIGHT_MEAN_M)]))[:, 1]
-    middle, half = (feet + heads) / 2, (feet - heads) / 2
+    middle = (feet + heads) / 2
+    half = (feet - heads) / 2
     seen = np.isfinite(half) & (middle >= 0) & (middle < camera.height) & (half > 0.5)
     if camera.tilt_rad < math.radians(35.0) or np.count_nonzero(seen) < 2:
         return None
     slope, level = np.polyfit(middle[seen], half[seen], 1)
-    return Size(float(level), max(0.0, float(slope)), float(half[seen].min()), ASPECT) if slope < 1 else None
+    if slope >= 1:
+        return None
+    return Size(float(level), max(0.0, float(slope)), float(half[seen].min()), ASPECT)
 
 
 def height_of(camera: GroundCamera, floor: F64, top_row: float) -> float:
     """Height [m] above a floor position at which a vertical line meets an image row; NaN where there is none."""
-    heights = np.linspace(0.3, 2.5, 45)
     if not np.isfinite(floor).all():
         return math.nan
-    rows = camera.project(np.column_stack([np.broadcast_to(floor, (len(heights), 2)), heights]))[:, 1]
+    heights = np.linspace(0.3, 2.5, 45)
+    line = np.column_stack([np.broadcast_to(floor, (len(heights), 2)), heights])
+    rows = camera.project(line)[:, 1]
     seen = np.isfinite(rows)
+    if seen.sum() <= 1:
+        return math.nan
     order = np.argsort(rows[seen])
-    return float(np.interp(top_row, rows[seen][order], heights[seen][order])) if seen.sum() > 1 else math.nan
+    return float(np.interp(top_row, rows[seen][order], heights[seen][order]))
 
 
 class SizeLearner(Carried):
@@ -109,99 +118,151 @@ class SizeLearner(Carried):
     def __init__(self) -> None:
         self._before: F64 = np.zeros((0, 4))
         self._regions: F64 = np.zeros((0, CUT + 1))
-        self._frames, self._every, self._fitted_at = 0, 1, 0
-        self._shape = 0, 0
+        self._frames = 0
+        self._every = 1
+        self._fitted_at = 0
+        self._shape = (0, 0)
 
     def add(self, foreground: U8, motion: U8 | None) -> None:
         """Take the largest regions of the next frame, (H, W), 255 where it is; no motion where that is not known."""
         self._shape = foreground.shape[0], foreground.shape[1]
-        new, self._before = regions(foreground, motion, self._before)
+        new, self._before = find_regions(foreground, motion, self._before)
         self._frames += 1
         if self._frames % self._every == 0:
             self._regions = np.concatenate([self._regions, new])
-        if len(self._regions) > KEPT:
-            self._regions, self._every = self._regions[::2], 2 * self._every
+        if len(self._regions) > REGIONS_MAX:
+            self._regions = self._regions[::2]
+            self._every *= 2
 
     @property
     def is_due(self) -> bool:
-        """Whether enough has been added since the last ``size`` that it may have changed."""
+        """True if enough has been added since the last ``size`` that it may have changed."""
         return self._frames > 1.2 * self._fitted_at + 2
 
     def size(self, n_cols: int) -> tuple[Size, float] | None:
         """The size by all regions so far, in pixels of an image of so many columns, and the share of their area that
         has it; None while they are few."""
         self._fitted_at = self._frames
-        if len(self._regions) < FIRST:
+        if len(self._regions) < REGIONS_MIN:
             return None
-        size, share = self._from_above() or _fitted(self._regions)
+        size, share = self._size_from_above() or fit_size(self._regions)
         return size.on(self._shape[1] / n_cols), share
 
-    def _from_above(self) -> tuple[Size, float] | None:
-        """Of large people whose regions lie in all directions; None for upright or small ones."""
+    def _size_from_above(self) -> tuple[Size, float] | None:
+        """Size of large people whose regions lie in all directions; None for upright or small ones."""
         whole = self._regions[self._regions[:, CUT] == 0]
-        if len(whole) < FIRST:
+        if len(whole) < REGIONS_MIN:
             return None
         slim = whole[:, MINOR] / whole[:, MAJOR]
-        if np.average(whole[:, LEAN], weights=np.sqrt(whole[:, AREA]) * (1.0 - slim) + 1e-9) >= UPRIGHT:
+        weights = np.sqrt(whole[:, AREA]) * (1.0 - slim) + 1e-9
+        if np.average(whole[:, LEAN], weights=weights) >= UPRIGHT:
             return None
         discs = self._regions.copy()
         discs[:, [LENGTH, WIDTH]] = 2 * np.sqrt(discs[:, AREA, None] / (FILLED * math.pi))
-        size, share = _fitted(discs, level_only=True)
+        size, share = fit_size(discs, level_only=True)
+        if size.level <= self._shape[0] / 10:
+            return None
         aspect = float(np.median(slim))
         k = 1 / math.sqrt(aspect)
-        above = Size(k * size.level, 0.0, k * size.least, aspect, upright=False)
-        return (above, share) if size.level > self._shape[0] / 10 else None
+        return Size(k * size.level, 0.0, k * size.least, aspect, upright=False), share
 
 
-def _fitted(found: F64, level_only: bool = False) -> tuple[Size, float]:
-    """The likeliest line of regions, and the share of their area that is one person."""
+class Line(NamedTuple):
+    """A line of length over the row of the feet.
+
+    Attributes:
+        away: (N,) logarithms of the regions' lengths over those of the line, in deviations.
+    """
+
+    level: float
+    slope: float
+    away: F64
+
+    @property
+    def one(self) -> Bool:
+        """(N,) true for the regions that are one person."""
+        return np.asarray(np.abs(self.away) < 1.5)
+
+
+def fit_size(regions: F64, level_only: bool = False) -> tuple[Size, float]:
+    """Fit the likeliest line of length over the row of the feet to regions; return the size, and the share of their
+    area that is one person."""
     # Two side by side are wider for their length than most.
-    ratio = found[:, WIDTH] / found[:, LENGTH]
-    found = found[(found[:, CUT] > 0) | (ratio <= 1.6 * np.percentile(ratio, 30))]
-    foot, length, cut = found[:, FOOT], found[:, LENGTH], found[:, CUT] > 0
+    ratio = regions[:, WIDTH] / regions[:, LENGTH]
+    cut = regions[:, CUT] > 0
+    regions = regions[cut | (ratio <= 1.6 * np.percentile(ratio, 30))]
+    cut = regions[:, CUT] > 0
+    length = regions[:, LENGTH]
     # The same place and length again adds less than another one.
-    _, which, count = np.unique(found[:, [FOOT, LENGTH]] // 4, axis=0, return_inverse=True, return_counts=True)
-    weight = np.sqrt(found[:, AREA] / count[which.ravel()])
-    chosen = np.argsort(foot, kind="stable")[np.linspace(0, len(foot) - 1, min(len(foot), 40)).astype(np.int64)]
-    levels, rise = length[chosen], np.zeros(len(chosen))
-    if not level_only:
-        i, j = (chosen[k] for k in np.triu_indices(len(chosen), 1))
-        i, j = (k[(np.abs(foot[i] - foot[j]) > 20) & ~cut[i] & ~cut[j]] for k in (i, j))
-        steep = (length[i] - length[j]) / (foot[i] - foot[j])
-        i, steep = i[(steep > 0) & (steep < 1.5)], steep[(steep > 0) & (steep < 1.5)]
-        levels, rise = np.concatenate([levels, length[i] - steep * foot[i]]), np.concatenate([rise, steep])
-    expected = np.maximum(levels[:, None] + rise[:, None] * foot, 1.0)
+    cells = regions[:, [FOOT, LENGTH]] // 4
+    _, which, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    weight = np.sqrt(regions[:, AREA] / count[which.ravel()])
+    line = _likeliest_line(regions, weight, level_only)
+    one = line.one
+    # foot = centre + length / 2
+    k = 1 / (1 - line.slope / 2)
+    whole = one & ~cut if (one & ~cut).any() else one
+    filled = regions[whole, AREA] / (FILLED * math.pi / 4 * length[whole] ** 2)
+    aspect = min(max(float(np.median(filled)), 0.2), 1.0)
+    share = float(weight[one | (cut & (line.away < 0))].sum() / weight.sum())
+    least = 0.4 * float(np.percentile(length[one], 5))
+    return Size(k * line.level / 2, k * line.slope / 2, least, aspect), share
+
+
+def _likeliest_line(regions: F64, weight: F64, level_only: bool) -> Line:
+    """The candidate that explains all lengths best, refined by weighted regression."""
+    foot = regions[:, FOOT]
+    length = regions[:, LENGTH]
+    cut = regions[:, CUT] > 0
+    levels, rises = _candidate_lines(foot, length, cut, level_only)
+    expected = np.maximum(levels[:, None] + rises[:, None] * foot, 1.0)
     best = int(np.argmax(log_density(length / expected, cut) @ weight))
-    level, slope = float(levels[best]), float(rise[best])
+    level = float(levels[best])
+    slope = float(rises[best])
     for _ in range(3):
-        away = np.log(length / np.maximum(level + slope * foot, 1.0)) / (math.sqrt(2) * SPREAD)
-        one = np.abs(away) < 1.5
-        own = weight * one * np.exp(-0.5 * away**2) + 1e-9
-        x, y = np.average(foot, weights=own), np.average(length, weights=own)
+        line = Line(level, slope, np.log(length / np.maximum(level + slope * foot, 1.0)) / (math.sqrt(2) * SPREAD))
+        near = weight * line.one * np.exp(-0.5 * line.away**2) + 1e-9
+        x = np.average(foot, weights=near)
+        y = np.average(length, weights=near)
         if slope > 0:
-            spread = np.average((foot - x) ** 2, weights=own)
-            slope = float(np.average((foot - x) * (length - y), weights=own) / max(float(spread), 1e-9))
+            spread = float(np.average((foot - x) ** 2, weights=near))
+            slope = float(np.average((foot - x) * (length - y), weights=near) / max(spread, 1e-9))
             slope = min(max(slope, 0.0), 1.5)
         level = float(y - slope * x)
-    # foot = centre + length / 2
-    k = 1 / (1 - slope / 2)
-    whole = one & ~cut if (one & ~cut).any() else one
-    aspect = float(np.median(found[whole, AREA] / (FILLED * math.pi / 4 * length[whole] ** 2)))
-    share = float(weight[one | (cut & (away < 0))].sum() / weight.sum())
-    least = 0.4 * float(np.percentile(length[one], 5))
-    return Size(k * level / 2, k * slope / 2, least, min(max(aspect, 0.2), 1.0)), share
+    return Line(level, slope, line.away)
+
+
+def _candidate_lines(foot: F64, length: F64, cut: Bool, level_only: bool) -> tuple[F64, F64]:
+    """Levels and slopes of lines: level ones through up to 40 regions, and those through pairs of these."""
+    spread = np.linspace(0, len(foot) - 1, min(len(foot), 40)).astype(np.int64)
+    chosen = np.argsort(foot, kind="stable")[spread]
+    levels = length[chosen]
+    rises = np.zeros(len(chosen))
+    if level_only:
+        return levels, rises
+    i, j = (chosen[side] for side in np.triu_indices(len(chosen), 1))
+    apart = (np.abs(foot[i] - foot[j]) > 20) & ~cut[i] & ~cut[j]
+    i = i[apart]
+    j = j[apart]
+    steep = (length[i] - length[j]) / (foot[i] - foot[j])
+    rising = (steep > 0) & (steep < 1.5)
+    i = i[rising]
+    steep = steep[rising]
+    return np.concatenate([levels, length[i] - steep * foot[i]]), np.concatenate([rises, steep])
 
 
 def log_density(ratio: F64, cut: Bool) -> F64:
     """(..., N) logarithm of the density of the logarithms of lengths over one person's, (..., N); any part of somebody
     may show of a region that the border cuts, (N,)."""
-    away, std = np.log(ratio), math.sqrt(2) * SPREAD
+    away = np.log(ratio)
+    std = math.sqrt(2) * SPREAD
     bell = np.exp(-0.5 * (away / std) ** 2)
-    one = np.where(cut, np.where(ratio < 1, ratio, bell), bell / (math.sqrt(2 * math.pi) * std))
+    any_part = np.where(ratio < 1, ratio, bell)
+    one = np.where(cut, any_part, bell / (math.sqrt(2 * math.pi) * std))
     return np.asarray(np.log(ONE * one + (1 - ONE) * 0.5 * np.exp(-np.abs(away))))
 
 
-def regions(foreground: U8, motion: U8 | None, before: F64) -> tuple[F64, F64]:
+def find_regions(foreground: U8, motion: U8 | None, before: F64) -> tuple[F64, F64]:
     """Regions (N, 8) that move and continue one of the boxes (M, 4) before, and the boxes (K, 4) of all regions."""
     n_rows, n_cols = foreground.shape
     # A belt that looks like the wall parts nobody: gaps of a fortieth of the image are closed.
@@ -215,17 +276,26 @@ def regions(foreground: U8, motion: U8 | None, before: F64) -> tuple[F64, F64]:
     alike = np.abs(np.log(boxes[:, None, 3] / before[None, :, 3])) < np.log(1.25)
     stays = ((overlaps(boxes, before) > 0.3) & alike).any(axis=1)
     rows = []
-    for label, (left, top, width, height) in zip(order[stays], boxes[stays], strict=True):
-        inside = (slice(int(top), int(top + height)), slice(int(left), int(left + width)))
-        own = ((labels[inside] == label) & (foreground[inside] > 0)).astype(np.uint8)
-        m = cv2.moments(own, binaryImage=True)
-        still = motion is not None and np.count_nonzero(own & motion[inside]) < 0.05 * m["m00"]
-        if still or m["m00"] < max(24, 0.12 * height**2) or width >= n_cols:  # a pole, a change of light
-            continue
-        across, down, mixed = (m[name] / m["m00"] for name in ("mu20", "mu02", "mu11"))
-        half = math.hypot((down - across) / 2, mixed)
-        mean = (down + across) / 2 + 1 / 12
-        cut = left <= 0 or top <= 0 or left + width >= n_cols or top + height >= n_rows
-        axes = 4 * math.sqrt(mean + half), 4 * math.sqrt(max(mean - half, 1 / 12))
-        rows.append((top + height, height, width, m["m00"], *axes, (down - across) / 2 / max(half, 1e-9), cut))
+    for label, box in zip(order[stays], boxes[stays], strict=True):
+        left, top, width, height = box.astype(np.int64).tolist()
+        window = slice(top, top + height), slice(left, left + width)
+        own = ((labels[window] == label) & (foreground[window] > 0)).astype(np.uint8)
+        moves = motion is None or np.count_nonzero(own & motion[window]) >= 0.05 * np.count_nonzero(own)
+        pole = np.count_nonzero(own) < max(24, 0.12 * height**2)
+        if moves and not pole and width < n_cols:  # as wide as the image is a change of light
+            cut = left <= 0 or top <= 0 or left + width >= n_cols or top + height >= n_rows
+            rows.append((top + height, height, width, *_shape_of(own), float(cut)))
     return np.array(rows, dtype=np.float64).reshape(-1, CUT + 1), boxes
+
+
+def _shape_of(mask: U8) -> tuple[float, float, float, float]:
+    """Area of a mask, lengths of its axes, and cosine of twice the angle of the longer one."""
+    moments = cv2.moments(mask, binaryImage=True)
+    area = moments["m00"]
+    across = moments["mu20"] / area
+    down = moments["mu02"] / area
+    half = math.hypot((down - across) / 2, moments["mu11"] / area)
+    mean = (down + across) / 2 + 1 / 12
+    major = 4 * math.sqrt(mean + half)
+    minor = 4 * math.sqrt(max(mean - half, 1 / 12))
+    return area, major, minor, (down - across) / 2 / max(half, 1e-9)

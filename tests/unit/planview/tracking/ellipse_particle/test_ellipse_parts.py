@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as hnp
 
 from calib.ground_camera import GroundCamera
 from planview.tracking.ellipse_particle.fit import fit_ellipses, inside, own_gains, painted, slopes
-from planview.tracking.ellipse_particle.particles import ANGLE, LN_A, VX, ParticleFilter, X, Y, ellipses_of, overlaps
+from planview.tracking.ellipse_particle.particles import ANGLE, LN_A, VX, ParticleFilter, X, Y, ellipses_of, overlap_areas
 from planview.tracking.ellipse_particle.size import Size, SizeLearner, size_of_camera
 
 FIT_SHAPE = (80, 120)
@@ -253,7 +253,7 @@ def test_overlap_of_an_ellipse_is_its_area_inside_a_mask():
     upper, quarter = np.zeros((2, 60, 60), np.bool_)
     upper[:30] = quarter[30:, :30] = True
     ellipses = np.array([[29.5, 29.5, 20, 10, 0.2], [29.5, 29.5, 20, 10, 0.0], [-0.5, 20, 10, 10, 0.0]])
-    covered = overlaps(ellipses, [upper, quarter])
+    covered = overlap_areas(ellipses, [upper, quarter])
     # Half of the last one is beyond the border of the grid.
     assert covered[0] == pytest.approx(math.pi * np.array([100, 100, 50]), rel=0.05)
     assert covered[1, 1:] == pytest.approx(math.pi * np.array([50, 0]), rel=0.05)
