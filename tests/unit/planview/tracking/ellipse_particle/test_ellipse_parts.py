@@ -10,7 +10,16 @@ from hypothesis.extra import numpy as hnp
 
 from calib.ground_camera import GroundCamera
 from planview.tracking.ellipse_particle.fit import fit_ellipses, inside, own_gains, painted, slopes
-from planview.tracking.ellipse_particle.particles import ANGLE, LN_A, VX, ParticleFilter, X, Y, ellipses_of, overlap_areas
+from planview.tracking.ellipse_particle.particles import (
+    ANGLE,
+    LN_A,
+    VX,
+    ParticleFilter,
+    X,
+    Y,
+    ellipses_of,
+    overlap_areas,
+)
 from planview.tracking.ellipse_particle.size import Size, SizeLearner, size_of_camera
 
 FIT_SHAPE = (80, 120)
