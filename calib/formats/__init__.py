@@ -183,7 +183,8 @@ def write_rig(rig: StereoRig, path: Path, format_key: str | None = None, keep: C
         format_key: ``Format.key``; None takes the first format that writes files of this suffix.
         keep: files that must not be written over.
     """
-    keys, suffix = ", ".join(f.key for f in WRITTEN), path.suffix.lower()
+    keys = ", ".join(f.key for f in WRITTEN)
+    suffix = path.suffix.lower()
     matches = (f for f in WRITTEN if (f.key == format_key if format_key else suffix and f.suffix == suffix))
     if (chosen := next(matches, None)) is None or chosen.texts is None:
         problem = f"the name of a format ({keys}), because none has the suffix of {path.name!r}"
@@ -230,7 +231,8 @@ def refuse_strange_camera(one: Camera, side: str) -> None:
 def fitted(rig: StereoRig, name: str, size: tuple[int, int] | None) -> StereoRig:
     """The rig for images of a size [px], which must have its aspect. Raises InputError: another aspect, or cameras of
     two sizes; ``name`` is that of the calibration."""
-    own, other = size_text(rig.left.size), size_text(rig.right.size)
+    own = size_text(rig.left.size)
+    other = size_text(rig.right.size)
     if own != other:
         raise InputError(f"{name}: expected two cameras of one image size, found {own} and {other}")
     if size is None or size == rig.left.size:

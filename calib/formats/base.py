@@ -95,7 +95,8 @@ def arrays_text(path: Path) -> str | None:
     return found and f"{found} ({path.name}): {way}"
 
 
-_LEFT, _RIGHT = ("l", "left", "1"), ("r", "right", "2")
+_LEFT = ("l", "left", "1")
+_RIGHT = ("r", "right", "2")
 _ROLES = {
     "M": r"(mtx|k|m|cm|cam(era)?ma?t(ri)?x?|intrinsics?|matrix)",
     "D": r"(dist|d|dist(ortion)?coeffs?|distortion)",

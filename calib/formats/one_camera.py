@@ -176,7 +176,9 @@ def _from_xml(text: str) -> TsaiCamera:
             raise ValueError(f"expected the element {tag}, found none")
         return node.attrib
 
-    geometry, intrinsic, extrinsic = values("Geometry"), values("Intrinsic"), values("Extrinsic")
+    geometry = values("Geometry")
+    intrinsic = values("Intrinsic")
+    extrinsic = values("Extrinsic")
     sx = base.number(intrinsic.get("sx", 1.0), "sx")
     if sx <= 0:
         raise ValueError(f"expected a positive sx, found {sx:g}")
@@ -203,7 +205,9 @@ def _nearest(tsai: TsaiCamera) -> GroundCamera:
     Its principal point is the image's centre and its lens one of five: heading, tilt, roll and focal length make up
     for what the camera has besides.
     """
-    size, centre, axes = (tsai.width, tsai.height), tsai.centre_m, tsai.camera_SE3_world.rotation
+    size = (tsai.width, tsai.height)
+    centre = tsai.centre_m
+    axes = tsai.camera_SE3_world.rotation
     if not 0.3 <= centre[2] <= 200:
         raise ValueError(f"expected a camera 0.3 to 200 m above the floor, found {centre[2]:g} m (wrong units?)")
     # An upside-down camera is one that leans backwards.
@@ -214,13 +218,15 @@ def _nearest(tsai: TsaiCamera) -> GroundCamera:
         [math.log(tsai.focal_px), np.clip(tilt, -1.5, 1.5), math.asin(np.clip(axes[0, 2], -0.7, 0.7)), yaw]
     )
     grid = np.stack(np.meshgrid(*(np.linspace(0.05, 0.95, 9) * (n - 1) for n in size)), axis=-1).reshape(-1, 2)
-    places, pixels = [], []
+    places = []
+    pixels = []
     for height_m in (0.0, min(1.7, 0.5 * centre[2])):
         xy = tsai.back_project(grid, height_m) - centre[:2]
         near = np.hypot(*xy.T) < 10 * centre[2]
         places.append(np.column_stack([xy[near], np.full(near.sum(), height_m)]))
         pixels.append(grid[near])
-    world, seen = np.concatenate(places), np.concatenate(pixels)
+    world = np.concatenate(places)
+    seen = np.concatenate(pixels)
     if len(world) < 12:
         raise ValueError("expected a camera that sees the floor, found one that looks away from it")
 
@@ -230,11 +236,13 @@ def _nearest(tsai: TsaiCamera) -> GroundCamera:
     from scipy.optimize import least_squares  # half a second
 
     def off(v: F64, lens: str) -> F64:
-        c, s = math.cos(v[3]), math.sin(v[3])
+        c = math.cos(v[3])
+        s = math.sin(v[3])
         turned = np.column_stack([world[:, :2] @ np.array([[c, s], [-s, c]]), world[:, 2]])
         return np.asarray(np.nan_to_num(camera(v, lens).project(turned) - seen, nan=size[0]).ravel())
 
-    low, high = np.array([-np.inf, -1.57, -0.78, -np.inf]), np.array([np.inf, 1.57, 0.78, np.inf])
+    low = np.array([-np.inf, -1.57, -0.78, -np.inf])
+    high = np.array([np.inf, 1.57, 0.78, np.inf])
     fits = {lens: least_squares(off, start, args=(lens,), bounds=(low, high), loss="soft_l1") for lens in LENS_K_320}
     lens = min(fits, key=lambda name: float(fits[name].cost))
     rms = float(np.sqrt(2 * np.mean(off(fits[lens].x, lens) ** 2)))

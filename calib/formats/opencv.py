@@ -24,10 +24,12 @@ _D1, _D2 = (
      f"dist{side}", f"distCoeffs{side}", f"D_{side.lower()}", f"D_{word}")
     for n, side, word in ((1, "L", "left"), (2, "R", "right"))
 )  # fmt: skip
-_R, _T = ("R", "Rot", "rot", "rotation"), ("T", "t", "Trans", "trans", "translation")
+_R = ("R", "Rot", "rot", "rotation")
+_T = ("T", "t", "Trans", "trans", "translation")
 """Names that OpenCV's samples, calibrators and tutorials give them."""
 _T_UNITS_M = {"T_m": 1.0, "T_cm": 0.01, "T_mm": 0.001}
-_P1, _P2 = ("P1", "P1_rect"), ("P2", "P2_rect")
+_P1 = ("P1", "P1_rect")
+_P2 = ("P2", "P2_rect")
 
 
 def _keys(*each: tuple[str, ...]) -> base.Keys:
@@ -36,7 +38,8 @@ def _keys(*each: tuple[str, ...]) -> base.Keys:
     return base.lines_with(**{k: rf'<{one}[ >]|^\s*{one}\s*:(?! *[-\d])|"{one}"\s*:' for k, one in patterns.items()})
 
 
-_CAMERAS, _RECTIFIED = _keys(_K1, _D1, _K2, _D2, _R, (*_T, *_T_UNITS_M)), _keys(_P1, _P2)
+_CAMERAS = _keys(_K1, _D1, _K2, _D2, _R, (*_T, *_T_UNITS_M))
+_RECTIFIED = _keys(_P1, _P2)
 
 COMMON_SIZES: tuple[Size, ...] = (
     (320, 240), (376, 240), (640, 360), (640, 400), (640, 480), (672, 376), (752, 480), (800, 600), (848, 480),
@@ -68,7 +71,8 @@ def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     # For what the file names OpenCV itself has no key; a polynomial's terms follow from their number.
     named = str(data.get("distortion_model", "")).strip().lower()
     fisheye = named in {"fisheye", "equidistant", "kannala_brandt"} or str(data.get("fisheye", 0)).strip() == "1"
-    lenses, columns = [base.numbers_at(data, (0, 4, 5, 8, 12, 14), *names) for names in (_D1, _D2)], False
+    lenses = [base.numbers_at(data, (0, 4, 5, 8, 12, 14), *names) for names in (_D1, _D2)]
+    columns = False
     if not (named or fisheye):
         columns = any(_is_column(base.entry(data, *names)) for names in (_D1, _D2))
     if columns and lenses[0].any():
@@ -138,7 +142,8 @@ def _texts(rig: StereoRig, path: Path) -> dict[Path, str]:
         (_block(f"M{number}", one.matrix) + _block(f"D{number}", one.coefficients.reshape(1, -1)))
         for number, one in ((1, rig.left), (2, rig.right))
     )
-    pose, header = rig.right_SE3_left, "%YAML:1.0\n---\n"
+    pose = rig.right_SE3_left
+    header = "%YAML:1.0\n---\n"
     extrinsics = _block("R", pose.rotation) + _block("T", pose.translation.reshape(3, 1))
     if path.suffix:
         return {path: header + intrinsics + extrinsics}

@@ -34,7 +34,8 @@ _DEPTH = ("depth", "depth_camera", "ir")
 _TO_COLOUR = re.compile(r"(depth|ir)_?(to|2)_?(rgb|colou?r|camera)|(rgb|colou?r|camera)_se3_depth")
 _TO_DEPTH = re.compile(r"(rgb|colou?r|camera)_?(to|2)_?(depth|ir)|depth_se3_(rgb|colou?r|camera)")
 _SCALE = ("depth_scale", "depth_factor", "depthmapfactor", "units_per_m", "depth_units", "png_depth_scale", "scale")
-_ROTATION, _TRANSLATION = ("r", "rotation", "rot"), ("t", "translation", "t_m", "translation_m", "t_mm")
+_ROTATION = ("r", "rotation", "rot")
+_TRANSLATION = ("t", "translation", "t_m", "translation_m", "t_mm")
 _DISTORTION = ("distortion", "distortion_coefficients", "coeffs", "d", "dist", "distcoeffs")
 _MATRIX = ("intrinsic_matrix", "camera_matrix", "k", "matrix", "intrinsics", "intrinsic")
 _SENSORS: dict[DepthSensor, str] = {
@@ -163,7 +164,8 @@ def _pose(data: Mapping[str, Any], by_columns: bool) -> SE3 | None:
             name = next((name for name in _TRANSLATION if name in value), None)
             if rotation is None or name is None:
                 raise ValueError(f"expected R and T in {key}, found {', '.join(value) or 'nothing'}")
-            matrix, shift = base.numbers(rotation, f"R of {key}", 9), base.numbers(value[name], f"T of {key}", 3)
+            matrix = base.numbers(rotation, f"R of {key}", 9)
+            shift = base.numbers(value[name], f"T of {key}", 3)
             # No camera is 2 m away from the sensor in its own housing: such numbers are millimetres.
             unit = 1e-3 if name == "t_mm" or np.linalg.norm(shift) > 2.0 else 1.0
             pose = base.transform(matrix.reshape(3, 3).T.ravel() if by_columns else matrix, shift * unit, key)

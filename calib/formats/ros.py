@@ -80,7 +80,8 @@ def windowed(data: Mapping[str, Any]) -> tuple[Size, F64, F64]:
             raise ValueError(f"expected a region of interest inside {size[0]}x{size[1]}, found {region}")
         size = own[0], own[1]
         shift = np.array([[1.0, 0.0, -x], [0.0, 1.0, -y], [0.0, 0.0, 1.0]])
-        k, projection = shift @ k, shift @ projection
+        k = shift @ k
+        projection = shift @ projection
     bins = [max(base.number(data.get(key, 0), key), 1.0) for key in ("binning_x", "binning_y")]
     shrink = np.diag([1.0 / bins[0], 1.0 / bins[1], 1.0])
     return (int(size[0] // bins[0]), int(size[1] // bins[1])), shrink @ k, shrink @ projection
@@ -138,7 +139,8 @@ def _pinhole(values: Mapping[str, Any], name: str, key: str, counts: tuple[int, 
 
 
 def _kalibr_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
-    data, cameras = base.parse_yaml(sources[0].text), []
+    data = base.parse_yaml(sources[0].text)
+    cameras = []
     left, right = choice.cameras or ("cam0", "cam1")
     for name in (left, right):
         values = base.table(base.entry(data, name), name)
@@ -150,7 +152,8 @@ def _kalibr_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
 
 def _pose(data: Mapping[str, Any], left: str, right: str, unit_m: float) -> SE3:
     """From T_cn_cnm1 (Kalibr's own result) where there is one, else through the IMU."""
-    first, last = _index(left), _index(right)
+    first = _index(left)
+    last = _index(right)
     chain = [base.table(data[f"cam{i}"], f"cam{i}") for i in range(first + 1, last + 1) if f"cam{i}" in data]
     if first < last and len(chain) == last - first and all("T_cn_cnm1" in link for link in chain):
         pose = SE3.identity()
@@ -206,7 +209,8 @@ def _euroc_part(source: Source) -> str | None:
 
 
 def _euroc_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
-    names, halves = [f"{source.path.parent.name}/{source.path.name}" for source in sources], []
+    names = [f"{source.path.parent.name}/{source.path.name}" for source in sources]
+    halves = []
     for source, name in zip(sources, names, strict=True):
         data = base.parse_yaml(source.text)
         body_SE3_camera = base.rigid(base.entry(data, "T_BS"), f"T_BS of {name}", choice.unit())

@@ -50,7 +50,8 @@ class BoardImages:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._files, self._frames = list[Files](), list[int]()
+        self._files = list[Files]()
+        self._frames = list[int]()
         if path.is_file() and path.suffix.lower() in VIDEO_SUFFIXES:
             self._videos: Sequence[Path] = (path,)
         elif path.is_dir():
@@ -100,7 +101,8 @@ def _name(files: Files) -> str:
 
 def _pair(name: str, images: Sequence[U8 | None], which: str = "") -> BoardPair:
     """A pair of an image of each camera, or of one that holds both side by side."""
-    left, right = images[0], images[-1]
+    left = images[0]
+    right = images[-1]
     if left is None or right is None:
         return BoardPair(name, why=f"{which}cannot be decoded")
     if len(images) == 2:
@@ -122,7 +124,8 @@ def _in_folder(folder: Path) -> tuple[list[Files], Sequence[Path]]:
         if len(sided.left) != 1 or len(sided.right) != 1:
             raise InputError(f"{folder}: expected one folder of left and one of right images, found {len(folders)}")
         return _paired(image_files(folders[sided.left[0]]), image_files(folders[sided.right[0]])), ()
-    images, videos = image_files(folder), video_files(folder)
+    images = image_files(folder)
+    videos = video_files(folder)
     files = images or videos
     sided = split_sides([f.stem for f in files])
     left, right = ([files[i] for i in side] for side in (sided[:2] if sided else ((), ())))
@@ -137,7 +140,8 @@ def _in_folder(folder: Path) -> tuple[list[Files], Sequence[Path]]:
 def _paired(left: Sequence[Path], right: Sequence[Path]) -> list[Files]:
     """Mates by name without the word for the side, else by number, else in order."""
     for key in (_plain, frame_number):
-        lefts, rights = {key(f): f for f in left}, {key(f): f for f in right}
+        lefts = {key(f): f for f in left}
+        rights = {key(f): f for f in right}
         unique = len(lefts) == len(left) and len(rights) == len(right)
         if unique and None not in lefts and len(lefts.keys() & rights.keys()) * 2 >= min(len(left), len(right)):
             order = [key(f) for f in left] + [key(f) for f in right if key(f) not in lefts]
@@ -172,7 +176,8 @@ def calibrate_images(
     images = BoardImages(path)
     board = _board(images, request)
     found = _detect(images, board, progress)
-    views, rejected = found.views, found.rejected
+    views = found.views
+    rejected = found.rejected
     if images.is_video or len(views) > 2 * MAX_VIEWS:
         views = [views[i] for i in select_views(views, board.points, found.sharpness, found.size)]
         rejected = [] if images.is_video else rejected
@@ -217,7 +222,8 @@ class _Detected(NamedTuple):
 def _detect(images: BoardImages, board: Board, progress: Callable[[int, int], None]) -> _Detected:
     """The corners that both images of a pair show and how sharp the lesser image is, or why a pair is of no use."""
     detector = detect.Detector(board, thorough=not images.is_video)
-    found, size = _Detected([], [], [], (0, 0)), (0, 0)
+    found = _Detected([], [], [], (0, 0))
+    size = (0, 0)
     for done, pair in enumerate(images, 1):
         progress(done, len(images))
         if pair.left is None or pair.right is None:
@@ -229,7 +235,8 @@ def _detect(images: BoardImages, board: Board, progress: Callable[[int, int], No
                 sizes = f"{size_text(size)}, found {size_text(own)} in {pair.name} ({side})"
                 raise InputError(f"{images.path}: expected images of one size, {sizes}")
             size = own
-        left, right = detector(pair.left), detector(pair.right)
+        left = detector(pair.left)
+        right = detector(pair.right)
         if left is None or right is None:
             missing = " and ".join(side for side, corners in (("left", left), ("right", right)) if corners is None)
             found.rejected.append(RejectedView(pair.name, f"no {board.name} found in the {missing} image"))
@@ -250,7 +257,8 @@ def _detect(images: BoardImages, board: Board, progress: Callable[[int, int], No
 def write_report(result: BoardCalibration, images: Path, path: Path) -> Path:
     """Write the page and return its path; one of the pairs in ``images`` is read again and shown rectified."""
     name, picture = _rectified_pair(result, images)
-    rig, used = result.rig, len(result.views)
+    rig = result.rig
+    used = len(result.views)
     page = page_of(
         "planview.calibration", "board_report.html.j2", source=images.name or str(images), board=result.board.name,
         size=f"{rig.left.width}x{rig.left.height}", pair_name=name, rejected=result.rejected, lenses=result.lenses,
@@ -275,9 +283,13 @@ def _parameters(result: BoardCalibration) -> list[tuple[str, str, str]]:
     rows = []
     for name, value in rig_parameters(result.rig).items():
         if name.startswith("rotation"):
-            scale, unit, digits = math.degrees(1), "°", 4
+            scale = math.degrees(1)
+            unit = "°"
+            digits = 4
         elif name.startswith("translation") or name == "baseline":
-            scale, unit, digits = 1000.0, " mm", 3
+            scale = 1000.0
+            unit = " mm"
+            digits = 3
         else:
             scale, unit, digits = (1.0, " px", 3) if name.split()[1] in {"fx", "fy", "cx", "cy"} else (1.0, "", 6)
         shown, deviation = (f"{scale * one:.{digits}f}{unit}" for one in (value, result.std[name]))

@@ -39,8 +39,10 @@ class FloorDepths:
 
     def __init__(self, recording: Recording[Pair | DepthCamera], search: FloorSearch) -> None:
         seen = spread_frames(recording, search)
-        self.geometry, self.image = seen.rectifier.geometry, seen.images[len(seen.frames) // 2]
-        self.find, self._depths = seen.floor, seen.depths
+        self.geometry = seen.rectifier.geometry
+        self.image = seen.images[len(seen.frames) // 2]
+        self.find = seen.floor
+        self._depths = seen.depths
         self.depth_of: Callable[[Any], F32] = seen.depth_of
 
     @cached_property
@@ -55,7 +57,8 @@ class FloorDepths:
         height, width = background.shape
         points = []
         for u, v in np.asarray(pixels, dtype=np.float64):
-            row, col = round(v), round(u)
+            row = round(v)
+            col = round(u)
             if not (0 <= row < height and 0 <= col < width):
                 raise InputError(f"expected pixels inside {width}x{height}, found ({u:g}, {v:g})")
             patch = background[max(0, row - 4) : row + 5, max(0, col - 4) : col + 5]

@@ -115,7 +115,8 @@ def collect_samples(
     samples, or none of a usual size.
     """
     refuse_untimed(video)
-    camera, clock = CameraHead(SingleCameraParams(), video.head.size), StageClock()
+    camera = CameraHead(SingleCameraParams(), video.head.size)
+    clock = StageClock()
     paths: list[_Path] = []
     for frame in video:
         mask = camera.look(camera.measure(frame.images, clock), frame, clock).foreground
@@ -124,7 +125,8 @@ def collect_samples(
             _continue(paths, bodies_of(mask, frame.index), frame.index)
         done()
     walking = [path for path in paths if path.walks]
-    walkers, name = [sample for path in walking for sample in path.samples], str(video.path)
+    walkers = [sample for path in walking for sample in path.samples]
+    name = str(video.path)
     upright = [s for s in walkers if s.head_px != s.foot_px]
     bodies = upright if len(upright) >= 0.5 * len(walkers) else walkers
     if len(bodies) < MIN_SAMPLES:
@@ -195,7 +197,8 @@ def _continue(paths: list[_Path], bodies: Sequence[HumanSample], frame: int) -> 
 
 def _crowded(blobs: Blobs, label: int) -> bool:
     """Whether another blob that is not noise is near the box."""
-    low, high = blobs.box_px[:, :2], blobs.box_px[:, :2] + blobs.box_px[:, 2:]
+    low = blobs.box_px[:, :2]
+    high = blobs.box_px[:, :2] + blobs.box_px[:, 2:]
     # Nearer blobs may be pieces of one person, or hide each other [px]; above and below, within this share of the
     # body's height [1]: bodies break at belt and collar.
     gap = np.array([4.0, max(4.0, 0.35 * float(blobs.box_px[label][3]))])

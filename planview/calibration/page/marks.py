@@ -131,7 +131,8 @@ def _rows(above: Floor | GroundCamera, std: Sequence[float], found: Floor | None
     return rows
 
 
-MAX_HEIGHT_STD, MAX_ANGLE_STD_DEG = 0.02, 1.0
+MAX_HEIGHT_STD = 0.02
+MAX_ANGLE_STD_DEG = 1.0
 """Deviation of a floor's height, as a share of it, and of its angles, up to which it is known well enough (5 cm for a
 camera at 2.5 m, and as much on the floor 3 m away)."""
 
@@ -159,12 +160,14 @@ class FloorFit(NamedTuple):
     def assessment(self) -> Assessed:
         """A plane through three points fits whatever they lie on; the fourth one checks it, and their distances from
         each other decide how well it is known."""
-        n_used, n_off = int(self.used.sum()), int((~self.used).sum())
+        n_used = int(self.used.sum())
+        n_off = int((~self.used).sum())
         if n_off and n_used < n_off + 3:
             return Assessed(False, f"not enough: {n_off} of {n_used + n_off} points lie off the plane of the others")
         if n_used < 4:
             return Assessed(False, "not enough: three points fit any plane; add a fourth one far from them as a check")
-        height_m, angle_deg = self.std[0], math.degrees(max(self.std[1:]))
+        height_m = self.std[0]
+        angle_deg = math.degrees(max(self.std[1:]))
         known = f"height known to {100 * height_m:.0f} cm and angles to {angle_deg:.1f}°"
         limit_m = MAX_HEIGHT_STD * self.floor.height_m
         if not (height_m <= limit_m and angle_deg <= MAX_ANGLE_STD_DEG):
@@ -222,7 +225,8 @@ class Solution:
         """Values with their deviations, next to those of a floor found without points; empty without a solution."""
         if self.found is None:
             return self.fit.rows(plain_floor) if self.fit else []
-        camera, std = self.found.camera, self.found.std
+        camera = self.found.camera
+        std = self.found.std
         return [
             *_rows(camera, (std.height * camera.height_m, std.tilt_rad, std.roll_rad)),
             ValueRow("focal length", f"{camera.focal_px:.0f} px", f"± {std.focal * camera.focal_px:.0f} px"),

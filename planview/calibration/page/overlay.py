@@ -15,7 +15,10 @@ from planview.calibration.page.session import CalibrationSession
 from planview.calibration.people import crowd, floor_around
 from planview.drawing.image import grid_lines
 
-GIVEN, FLOOR, SELECTED, ODD = "#0a84ff", "#ffcc00", "#ffffff", "#ff453a"
+GIVEN = "#0a84ff"
+FLOOR = "#ffcc00"
+SELECTED = "#ffffff"
+ODD = "#ff453a"
 _TEMPLATE = Environment(autoescape=True, undefined=StrictUndefined).from_string(
     Path(__file__).with_name("overlay.svg.j2").read_text(encoding="utf-8")
 )
@@ -24,7 +27,9 @@ _TEMPLATE = Environment(autoescape=True, undefined=StrictUndefined).from_string(
 def overlay(session: CalibrationSession, everywhere: bool = False) -> str:
     """SVG of the floor grid, computed people (with ``everywhere`` all over the floor), the marks of this frame, and the
     floor points; no script."""
-    found, people, place = session.solution.found, [], None
+    found = session.solution.found
+    people = []
+    place = None
     if found is not None:
 
         def hull(xy_m: F64) -> F64:
@@ -45,7 +50,8 @@ def overlay(session: CalibrationSession, everywhere: bool = False) -> str:
 
 def _grid(session: CalibrationSession) -> list[F64]:
     """Lines on the floor [px]."""
-    found, lines = session.solution.found, []
+    found = session.solution.found
+    lines = []
     if session.floor is not None and session.view is not None:
         reach = 2.0 * session.floor.height_m + 2.0
         stereo = session.view.geometry.above(session.floor.world_SE3_left)
@@ -56,7 +62,8 @@ def _grid(session: CalibrationSession) -> list[F64]:
 
 
 def _samples(session: CalibrationSession) -> list[dict[str, Any]]:
-    odd, selects = session.solution.found.odd if session.solution.found else (), session.tool == "select"
+    odd = session.solution.found.odd if session.solution.found else ()
+    selects = session.tool == "select"
     chosen = session.selected[0] if selects and session.selected and session.selected.part != "point" else None
     marks = []
     for number, sample in session.here():
@@ -67,9 +74,11 @@ def _samples(session: CalibrationSession) -> list[dict[str, Any]]:
 
 
 def _floor_points(session: CalibrationSession) -> list[dict[str, Any]]:
-    solution, marks = session.solution, []
+    solution = session.solution
+    marks = []
     for number, point in enumerate(session.floor_points):
-        colour, text = FLOOR, ""
+        colour = FLOOR
+        text = ""
         if solution.found is not None:
             x, y = solution.found.camera.back_project(np.array(point)).tolist()
             text = f"{x:.2f}, {y:.2f} m" if math.isfinite(x + y) else ""

@@ -61,8 +61,11 @@ class Page:
     """The page's widgets and what they do."""
 
     def __init__(self, session: CalibrationSession, folder: Path) -> None:
-        self._session, self._folder = session, folder
-        self._asked, self._solving, self._everywhere = 0, False, False
+        self._session = session
+        self._folder = folder
+        self._asked = 0
+        self._solving = False
+        self._everywhere = False
         self._listed: object = None
         ui.add_body_html(VIEWER.read_text(encoding="utf-8"))
         ui.keyboard(on_key=self._on_key)
@@ -122,7 +125,8 @@ class Page:
 
     def refresh(self) -> None:
         """Show the session as it is."""
-        session, assessment = self._session, self._session.solution.assessment()
+        session = self._session
+        assessment = self._session.solution.assessment()
         self._image.content = overlay(session, self._everywhere)
         self._tool.value = session.tool
         self._status.text = session.message
@@ -154,7 +158,8 @@ class Page:
                 self._list_people()
 
     def _list_people(self) -> None:
-        session, found = self._session, self._session.solution.found
+        session = self._session
+        found = self._session.solution.found
         odd = [i for i in (found.odd if found else ()) if i < len(session.samples)]
         errors = found.sample_errors if found else ()
         for title, numbers in (("on this frame", [n for n, _ in session.here()]), ("look at again", odd)):
@@ -233,7 +238,8 @@ class Page:
     async def _on_mouse(self, event: events.MouseEventArguments) -> None:
         session = self._session
         # The mouse counts from the corner of the first pixel, coordinates from its centre.
-        u, v = event.image_x - 0.5, event.image_y - 0.5
+        u = event.image_x - 0.5
+        v = event.image_y - 0.5
         if event.type == "mousedown" and event.button == 0:
             session.press(u, v, GRAB_PX * session.size[0] / 1000)
         elif event.type == "mouseup" and event.button == 0 and session.release(u, v):
@@ -247,7 +253,8 @@ class Page:
     async def _on_key(self, event: events.KeyEventArguments) -> None:
         if not event.action.keydown:
             return
-        session, key = self._session, str(event.key)
+        session = self._session
+        key = str(event.key)
         if event.modifiers.ctrl or event.modifiers.meta:
             if key.lower() == "z":
                 await self.undo()
@@ -278,7 +285,8 @@ class Page:
     async def _on_export(self) -> None:
         while self._solving:
             await asyncio.sleep(0.05)
-        assessment, solution = self._session.solution.assessment(), self._session.solution
+        assessment = self._session.solution.assessment()
+        solution = self._session.solution
         if (solution.found or solution.fit) and assessment is not None and not assessment.enough:
             self._ask(assessment.sentence)
         else:
@@ -336,7 +344,8 @@ class Page:
             return
         field = 2 * math.degrees(math.atan(width / 2 / focal_px))
         self._session.known = replace(self._session.known, focal_px=focal_px, field_deg=None)
-        self._known["field_deg"].value, self._known["focal_px"].value = None, round(focal_px, 1)
+        self._known["field_deg"].value = None
+        self._known["focal_px"].value = round(focal_px, 1)
         self._note.text = f"{focal_px:.0f} px, {field:.0f}° across; videos of a phone often show less than its photos"
         await self.solve()
 
@@ -357,7 +366,8 @@ class SameOriginOnly:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass on what is the page's own."""
-        kind, headers = scope["type"], scope.get("headers", ())
+        kind = scope["type"]
+        headers = scope.get("headers", ())
         hosts = [value for name, value in headers if name == b"host"]
         origins = [value.removeprefix(b"http://") for name, value in headers if name == b"origin"]
         own = len(hosts) == 1 and self._hosts.issuperset(hosts + origins)

@@ -108,7 +108,8 @@ class CalibrationSession:
         """Show and select a sample."""
         if self.samples[number].frame in self.indices:
             self.show(self.indices.index(self.samples[number].frame))
-        self.tool, self.selected = "select", Handle(number, "whole")
+        self.tool = "select"
+        self.selected = Handle(number, "whole")
         self.message = self.next_step()
 
     def choose(self, tool: Tool) -> None:
@@ -118,7 +119,10 @@ class CalibrationSession:
 
     def cancel(self) -> None:
         """Drop a person half marked and the selection."""
-        self.draft, self._start, self._held, self.selected = Draft(), None, None, None
+        self.draft = Draft()
+        self._start = None
+        self._held = None
+        self.selected = None
         self.message = self.next_step()
 
     def press(self, u: float, v: float, reach_px: float = GRAB_PX) -> None:
@@ -126,7 +130,8 @@ class CalibrationSession:
         u, v = self._inside(u, v)
         if self.tool == "person":
             if self.draft.step == "box":
-                self._start, self.draft = (u, v), Draft()
+                self._start = (u, v)
+                self.draft = Draft()
             else:
                 setattr(self.draft, f"{self.draft.step}_px", (u, v))
             return
@@ -213,7 +218,8 @@ class CalibrationSession:
 
     def solve(self) -> Solution:
         """The camera or the floor of the marks so far; takes up to seconds, in which marks may be added."""
-        samples, points = tuple(self.samples), tuple(self.floor_points)
+        samples = tuple(self.samples)
+        points = tuple(self.floor_points)
         try:
             if self.view is not None:
                 return Solution(fit=fit_floor(self.view, points)) if len(points) >= 3 else Solution()
@@ -321,7 +327,8 @@ class VideoPictures:
             frames, (width, height) = video.at([index]), video.head.size
             return frames[0].image if frames else np.full((height, width, 3), 128, np.uint8)
 
-        self._n_frames, self._read = video.n_frames, lru_cache(PICTURES_MAX)(read)
+        self._n_frames = video.n_frames
+        self._read = lru_cache(PICTURES_MAX)(read)
 
     def __len__(self) -> int:
         return self._n_frames
