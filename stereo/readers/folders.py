@@ -19,7 +19,15 @@ from calib.io import entries
 from stereo.depth import Depths
 from stereo.readers import base
 from stereo.readers.images import Colour, bits_note, bits_of, frame_number, image_files, images_of
-from stereo.readers.pairing import Pair, depth_note, nearest_mates, one_of_each, pair_files, split_sides
+from stereo.readers.pairing import (
+    Pair,
+    depth_note,
+    nearest_mates,
+    numbering_note,
+    one_of_each,
+    pair_files,
+    split_sides,
+)
 from stereo.readers.times import stamps_of
 from stereo.readers.unknown import inside_text
 from stereo.recording import FrameClock, OpenOptions
@@ -50,10 +58,13 @@ def sides_layout(path: Path, sides: Sides, folder: Path, options: OpenOptions) -
         if len(timed) == 2:
             given = options.calibration or folder
             return base.timed_layout(path, timed[0], timed[1], options, partial(load_rig, given), (), folder, given)
-    return files_layout(path, pair_files(*sides.files, sides.number), options, folder)
+    pairs = pair_files(*sides.files, sides.number)
+    return files_layout(path, pairs, options, folder, numbering_note(pairs, sides.number))
 
 
-def files_layout(path: Path, pairs: Sequence[Pair], options: OpenOptions, folder: Path | None = None) -> base.Layout:
+def files_layout(
+    path: Path, pairs: Sequence[Pair], options: OpenOptions, folder: Path | None = None, notes: Sequence[str] = ()
+) -> base.Layout:
     """Images that pair by their names, at the times of the folder's timestamps.csv."""
     folder, sides = folder or path, ([pair[0] for pair in pairs], [pair[1] for pair in pairs])
     bits = bits_of(*sides)
@@ -68,7 +79,7 @@ def files_layout(path: Path, pairs: Sequence[Pair], options: OpenOptions, folder
     each = base.FramePairs(base.together(a, b), len(pairs), sum(None in pair for pair in pairs))
     given = options.calibration or folder
     rig, other = partial(load_rig, given, size), base.other_state(given, size)
-    return base.stereo_layout(path, each, streams, clock, rig, bits_note(bits), folder, other)
+    return base.stereo_layout(path, each, streams, clock, rig, (*notes, *bits_note(bits)), folder, other)
 
 
 def images_there(pairs: Sequence[Pair]) -> list[Path | None]:
@@ -142,6 +153,7 @@ def _find_rgbd(path: Path, options: OpenOptions) -> base.Layout:
         raise InputError(f"{path}: expected images and depth, found neither")
     timed = None if (path / "timestamps.csv").is_file() else _timed(*sides, path)
     pairs = timed[0] if timed else pair_files(*sides)
+    notes = () if timed else numbering_note(pairs)
     clock = (
         timed[1]
         if timed and options.fps is None
@@ -153,7 +165,7 @@ def _find_rgbd(path: Path, options: OpenOptions) -> base.Layout:
         depths.stream("depth", len(sides[1]), clock.times_s),
     )
     rig = partial(load_rgbd, options.calibration or path, images.size, depths.size)
-    return base.rgbd_layout(path, images, depths, streams, clock, rig)
+    return base.rgbd_layout(path, images, depths, streams, clock, rig, notes)
 
 
 def _timed(images: list[Path], depths: list[Path], folder: Path) -> tuple[list[Pair], FrameClock] | None:

@@ -91,6 +91,20 @@ def pair_files(left: list[Path], right: list[Path], number: Callable[[Path], int
     return [(left_by.get(n), right_by.get(n)) for n in even_sequence(either)]
 
 
+def numbering_note(pairs: Sequence[Pair], number: Callable[[Path], int | None] = frame_number) -> tuple[str, ...]:
+    """A note on two cameras whose images are numbered from different starts, and how ``pair_files`` paired them."""
+    left = next(first for first, _ in pairs if first)
+    right = next(second for _, second in pairs if second)
+    starts = number(left), number(right)
+    if None in starts or starts[0] == starts[1]:
+        return ()
+    both = next((pair for pair in pairs if None not in pair), (left, left))
+    by_number = both[0] is not None and both[1] is not None and number(both[0]) == number(both[1])
+    names = [str(file.relative_to(file.parent.parent)) for file in (left, right)]
+    how = "by number" if by_number else "in order"
+    return (f"the first images are {names[0]} and {names[1]}: paired {how}; if that is wrong, renumber those of one",)
+
+
 def even_sequence(numbers: list[int]) -> list[int]:
     """The numbers with those filled in that an even sequence would have; unchanged when it is not even."""
     steps = Counter(b - a for a, b in itertools.pairwise(numbers))
@@ -144,7 +158,9 @@ class TimePairs:
         return int(np.count_nonzero((self.left < 0) | (self.right < 0)))
 
 
-def pair_stamps(left_ns: I64, right_ns: I64, names: tuple[str, str] = ("left", "right")) -> TimePairs:
+def pair_stamps(
+    left_ns: I64, right_ns: I64, names: tuple[str, str] = ("left", "right"), *, one_clock: bool = False
+) -> TimePairs:
     """Pair frames that are nearest to each other and at most ``PAIRED_WITHIN`` frame periods apart.
 
     Times run on at the nominal rate where the clock was set meanwhile; frames that arrive late are put in their place.
@@ -152,6 +168,7 @@ def pair_stamps(left_ns: I64, right_ns: I64, names: tuple[str, str] = ("left", "
     Args:
         left_ns, right_ns: (n,) and (m,) int64 [ns], in the order of the recording.
         names: of the two, for the notes.
+        one_clock: whether times that differ by a constant are those of one clock.
     """
     counts = len(left_ns), len(right_ns)
     steps = np.diff(np.sort(left_ns if counts[0] >= counts[1] else right_ns))
@@ -162,12 +179,15 @@ def pair_stamps(left_ns: I64, right_ns: I64, names: tuple[str, str] = ("left", "
         return TimePairs(left, right, np.zeros(len(order)), math.nan, (ONE_TIME,))
     period = float(np.median(steps))  # of the camera that has more frames [ns]
     tolerance, notes, offset = period * PAIRED_WITHIN, [], 0
-    if counts[0] == counts[1] > 0:
+    if counts[0] == counts[1] > 0 and not one_clock:
         # A clock that is ahead: all frames are as far apart. With other counts which belong together would be a guess.
         ahead = int(np.median(right_ns - left_ns))
         if abs(ahead) > tolerance and np.all(np.abs(right_ns - left_ns - ahead) <= tolerance):
             offset = ahead
-            notes.append(f"the clock of {names[1]} is {_span(offset / 1e9)} from that of {names[0]}: paired in order")
+            notes.append(
+                f"the clock of {names[1]} is {_span(offset / 1e9)} from that of {names[0]}: paired in order; if that "
+                f"camera began later instead, leave out the frames that the other one lacks"
+            )
     left_mate, right_mate = _mates(left_ns, right_ns - offset, tolerance)
     alone = np.flatnonzero(right_mate < 0)
     left = np.concatenate([np.arange(len(left_ns)), np.full(len(alone), -1)])

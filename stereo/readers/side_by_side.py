@@ -20,7 +20,15 @@ from calib.types import U8
 from stereo.readers.base import FramePairs, FrameSource, Layout, Reader, clock_of, stereo_layout, together
 from stereo.readers.images import Colour, Size, Stream, bits_of, image_files, images_of, is_grey
 from stereo.readers.state import Common, common, find_order, rectified_rig
-from stereo.readers.video import SUFFIXES, VideoFile, pair_in, video_files, video_tracks
+from stereo.readers.video import (
+    DEPTH_IN_VIDEO,
+    SUFFIXES,
+    VideoFile,
+    is_depth,
+    pair_in,
+    video_files,
+    video_tracks,
+)
 from stereo.recording import DecodedPair, OpenOptions
 
 
@@ -140,7 +148,7 @@ def packed_layout(
         aspect = one.width / one.height
     packing, shared = find_packing(pictures, aspect)
     if packing is None:
-        raise _no_pair(source.size, pictures, shared).about(str(named))
+        raise _no_pair(named, source.size, pictures, shared).about(str(named))
     size = packing.size(source.size)
     rectified_of = partial(load_rig, calibration, size, rectified=True)
     order, assumed = None, ""
@@ -180,7 +188,7 @@ def sampled(source: FrameSource) -> list[U8]:
     return found or [frame.image for frame in source.at([0]) if frame.image is not None]
 
 
-def _no_pair(size: Size, pictures: Sequence[U8], shared: Common) -> InputError:
+def _no_pair(named: Path, size: Size, pictures: Sequence[U8], shared: Common) -> InputError:
     width, height = size
     expected = "expected two views of one scene (side by side, or one above the other), found"
     if width / height >= 1.8:
@@ -190,6 +198,8 @@ def _no_pair(size: Size, pictures: Sequence[U8], shared: Common) -> InputError:
                 f"{expected} a grey and a coloured half with {len(shared.matches)} of {shared.corners} corners alike: "
                 "a picture of depth next to its colour image holds no depth in metres"
             )
+    if is_depth(named):
+        return InputError(DEPTH_IN_VIDEO)
     return InputError(
         f"{expected} one picture of {width}x{height}: a stereo recording needs both cameras, and one camera another "
         "tracker",

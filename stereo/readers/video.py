@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import cached_property, partial
 from itertools import repeat, takewhile
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -29,6 +30,10 @@ SUFFIXES = frozenset({
     ".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".m2v", ".ts", ".mts", ".flv", ".f4v", ".wmv",
     ".asf", ".ogv", ".3gp", ".vob", ".mxf", ".h264", ".h265", ".hevc", ".mjpeg", ".mjpg",
 })  # fmt: skip
+DEPTH_IN_VIDEO = (
+    "depth in a video is not read, since videos lose it: write it as PNG images of 16 bits into a folder depth, and "
+    "the colour images into a folder rgb"
+)
 _RAW = (b"\0\0\0\1", b"\0\0\1\x67", b"\xff\xd8\xff")
 """First bytes of pictures without a container: H.264 and H.265, and JPEG one after the other."""
 
@@ -143,6 +148,11 @@ class VideoFile:
         return as_grey(pixels) if self._grey else pixels
 
 
+def is_depth(video: Path) -> bool:
+    """Whether a video holds depth by its name."""
+    return re.search(r"depth|disparity", video.stem, re.IGNORECASE) is not None
+
+
 def video_files(folder: Path) -> list[Path]:
     """The videos of a folder, sorted by name."""
     return [f for f in entries(folder) if f.suffix.lower() in SUFFIXES and not f.is_dir()]
@@ -203,17 +213,33 @@ def video_tracks(path: Path) -> int:
     return max(1, head.partition(b"\x1f\x43\xb6\x75")[0].count(b"\x83\x81\x01"))
 
 
-def _packets(path: Path, most: int | None = None) -> tuple[F64, tuple[str, ...]]:
-    """(n,) float64 [s], when the frames of a video, or the first of them, are shown, by its container, and where these
-    times begin again, as in segments that were joined; nothing is decoded."""
+class _Packets(NamedTuple):
+    """When the frames of a video are shown by its container, or the first of them: (n,) float64 [s] in order; and notes
+    where these times begin again, as in segments that were joined."""
+
+    times_s: F64
+    notes: tuple[str, ...]
+
+
+def _packets(path: Path, most: int | None = None) -> _Packets:
+    """The times of a container; nothing is decoded."""
     capture = _open(path)
     times: list[float] = []
+    start_s = 0.0
     capture.set(cv2.CAP_PROP_FORMAT, -1)
     while len(times) != most and capture.grab():
         times.append(float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0)
-    own, notes = run_on(np.array(times, dtype=np.float64))
-    own = np.sort(own)  # packets come in the order of decoding
-    return np.asarray(own - own[:1], dtype=np.float64), notes
+        if len(times) == 1:
+            start_s = _start_of(capture) - times[0]
+    shown, notes = run_on(np.array(times, dtype=np.float64))
+    return _Packets(np.sort(shown) + start_s, notes)  # packets come in the order of decoding
+
+
+def _start_of(capture: cv2.VideoCapture) -> float:
+    """When the frame that was read last is shown [s], where a container may begin after 0; to half a frame."""
+    frames = capture.get(cv2.CAP_PROP_PTS)
+    fps = capture.get(cv2.CAP_PROP_FPS)
+    return frames / fps if fps > 0 and abs(frames) < 1e12 else 0.0
 
 
 def _before_key_frame(path: Path) -> int:
@@ -230,17 +256,18 @@ def _before_key_frame(path: Path) -> int:
 
 def _by_time(left_s: F64, right_s: F64) -> TimePairs | None:
     """The pairs of two videos by the times of their frames; None where pairs in order are as good: the frames of a pair
-    stay within half a period of each other, apart from times that waver. Elsewhere one video lost frames, or the rates
-    differ."""
+    stay within half a period of each other, apart from times that waver. Elsewhere one video began later or lost
+    frames, or the rates differ."""
     count = min(len(left_s), len(right_s))
-    if count < 3 or any((np.diff(own) <= 0).any() for own in (left_s, right_s)):
+    if count < 3 or any((np.diff(times) <= 0).any() for times in (left_s, right_s)):
         return None
     from scipy.ndimage import median_filter  # half a second, and only two videos with times need it
 
     apart = np.abs(median_filter(left_s[:count] - right_s[:count], min(15, count), mode="nearest"))
     if apart.max() <= 0.5 * float(np.median(np.diff(left_s))):
         return None
-    return pair_stamps((left_s * 1e9).astype(np.int64), (right_s * 1e9).astype(np.int64))
+    pairs = pair_stamps((left_s * 1e9).astype(np.int64), (right_s * 1e9).astype(np.int64), one_clock=True)
+    return pairs if ((pairs.left >= 0) & (pairs.right >= 0)).any() else None
 
 
 class _PlacedVideo:
@@ -264,41 +291,62 @@ class _PlacedVideo:
             found = next((frame for frame in frames if frame.index == place), None) if place >= 0 else None
             if place >= 0 and found is None:
                 return
-            yield replace(found, index=index) if found else Decoded(index, None, None, "lost by the recorder")
+            yield replace(found, index=index) if found else Decoded(index, None, None, "no frame of this time")
 
 
 def video_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenOptions) -> base.Layout:
     """Two videos, paired by their times where these differ, else in order; calibration, times and world.toml lie in the
     folder."""
+    for video in (left, right):
+        if is_depth(video):
+            raise InputError(f"{video}: {DEPTH_IN_VIDEO}")
     a, b = VideoFile(left), VideoFile(right)
     size = base.same_size(a, b, left, right)
     calibration = options.calibration or folder
-    rig, other = partial(load_rig, calibration, size), base.other_state(calibration, size)
-    joined: tuple[str, ...] = ()
+    rig = partial(load_rig, calibration, size)
+    other = base.other_state(calibration, size)
+    notes: list[str] = []
     if not (folder / "timestamps.csv").is_file():
-        (left_s, joined), (right_s, _), pairs = _packets(left), _packets(right), None
-        own_s = [left_s, right_s]
-        for video, own in zip((a, b), own_s, strict=True):  # joined segments: the container announces the first
-            video.n_frames = max(video.n_frames, len(own))
-        listed = [camera_times(at, folder, len(own)) for at, own in zip((left, right), own_s, strict=True)]
-        if listed[0] and listed[1]:
-            ns = [read_times(file, len(own)).ns for file, own in zip(listed, own_s, strict=True) if file]
-            pairs, own_s = pair_stamps(ns[0], ns[1]), [base.own_times(own) for own in ns]
-            base.check_paired(pairs, path)
-        elif not (a.raw or b.raw):
-            pairs = _by_time(*own_s)
+        shown = [_packets(left), _packets(right)]
+        for source, (packets_s, _) in zip((a, b), shown, strict=True):
+            # A container announces the first of joined segments, and frames before a late begin.
+            before = round(packets_s[0] * source.fps) if packets_s[0] > 0 else 0
+            source.n_frames = max(source.n_frames - before, len(packets_s))
+        times, pairs = _video_times((left, right), folder, shown, raw=a.raw or b.raw)
+        late_s = float(times[1][0] - times[0][0])
+        if abs(late_s) > 0.5 / a.fps:
+            how = "by their times" if pairs else "in order, since no two frames are of one time"
+            notes.append(f"by its container the right video begins {late_s:+.3g} s after the left one: paired {how}")
         if pairs:
-            each_s = zip(("left", "right"), (a, b), own_s, strict=True)
-            timed = tuple(Stream(name, size, len(s), s, files=source.files) for name, source, s in each_s)
+            base.check_paired(pairs, path)
+            timed = (Stream("left", size, len(times[0]), times[0], files=a.files),
+                     Stream("right", size, len(times[1]), times[1], files=b.files))  # fmt: skip
             placed = base.together(_PlacedVideo(a, pairs.left), _PlacedVideo(b, pairs.right))
-            each, clock = base.FramePairs(placed, len(pairs.left), pairs.unpaired), base.clock_of_pairs(pairs, options)
-            return base.stereo_layout(path, each, timed, clock, rig, (), folder, other)
-    streams = tuple(
-        Stream(name, size, source.n_frames, files=source.files) for name, source in (("left", a), ("right", b))
-    )
+            each = base.FramePairs(placed, len(pairs.left), pairs.unpaired)
+            clock = base.clock_of_pairs(pairs, options)
+            return base.stereo_layout(path, each, timed, clock, rig, notes, folder, other)
+        notes += shown[0].notes
+    if a.n_frames != b.n_frames:
+        counts = f"{a.n_frames} frames in the left video and {b.n_frames} in the right one"
+        notes.append(f"{counts}: paired in order from the first")
+    streams = (Stream("left", size, a.n_frames, files=a.files), Stream("right", size, b.n_frames, files=b.files))
     clock = base.clock_of(folder, options, min(a.n_frames, b.n_frames), a.fps, a.raw)
     each = base.FramePairs(base.together(a, b), max(a.n_frames, b.n_frames))
-    return base.stereo_layout(path, each, streams, clock, rig, joined, folder, other)
+    return base.stereo_layout(path, each, streams, clock, rig, notes, folder, other)
+
+
+def _video_times(
+    videos: tuple[Path, Path], folder: Path, shown: Sequence[_Packets], raw: bool
+) -> tuple[list[F64], TimePairs | None]:
+    """The times of both videos [s], of files next to them or of their containers, and the pairs by these; None where
+    pairs in order are as good."""
+    times = [packets.times_s for packets in shown]
+    files = [camera_times(video, folder, len(own)) for video, own in zip(videos, times, strict=True)]
+    if files[0] and files[1]:
+        left = read_times(files[0], len(times[0]))
+        right = read_times(files[1], len(times[1]))
+        return [base.own_times(left.ns), base.own_times(right.ns)], pair_stamps(left.ns, right.ns)
+    return times, None if raw else _by_time(times[0], times[1])
 
 
 def pair_in(folder: Path) -> tuple[Path, Path] | None:

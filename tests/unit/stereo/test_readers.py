@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from toy_recordings import H, W, folder_recording, textured, video_pair, write_frames, write_times, write_video
+from toy_recordings import H, W, folder_recording, picture, textured, video_pair, write_frames, write_times, write_video
 from toy_stereo import toy_rig
 
 from calib.errors import InputError
@@ -21,7 +21,7 @@ from stereo.readers import OpenOptions, find_layout, open_recording, open_video
 from stereo.readers.live import READER, without_password
 from stereo.readers.open import open_rigs
 from stereo.readers.pairing import even_sequence, pair_files
-from stereo.readers.video import VideoFile
+from stereo.readers.video import VideoFile, _Packets
 from stereo.recording import Decoded, FrameClock, LiveRecording, OneCamera, Recording, prefetch
 
 
@@ -233,6 +233,35 @@ def test_videos_are_paired_by_time_where_one_lost_frames(tmp_path: Path) -> None
     assert [frame.index for frame in recording.at([3, 5, 8])] == [3, 8]
 
 
+@pytest.mark.parametrize("count", [10, 7])
+def test_videos_are_paired_by_time_where_the_right_one_begins_later(tmp_path: Path, count: int) -> None:
+    save_rig(toy_rig((W, H), focal_px=60.0), tmp_path / "rig.toml")
+    video_with_times(tmp_path / "left.mkv", list(range(count)))
+    video_with_times(tmp_path / "right.mkv", list(range(3, 10)))
+    recording = open_recording(tmp_path)
+    frames = list(recording)
+    assert [frame.index for frame in frames] == list(range(3, count))
+    assert all(abs(frame.image.mean() - frame.images[1].mean()) < 3.0 for frame in frames)
+    assert any("right video begins +0.3 s after the left one" in note for note in recording.notes)
+
+
+def test_videos_of_two_clocks_are_paired_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    packets = {"left.avi": np.arange(6) / 10, "right.avi": 90 + np.arange(6) / 10}
+    monkeypatch.setattr("stereo.readers.video._packets", lambda path, most=None: _Packets(packets[path.name], ()))
+    recording = open_recording(video_pair(tmp_path, (6, 6)))
+    assert len(list(recording)) == 6
+    assert any("right video begins +90 s after the left one: paired in order" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize(("count", "how"), [(6, "in order"), (30, "by number")])
+def test_images_numbered_from_different_starts_are_named(tmp_path: Path, count: int, how: str) -> None:
+    folder = folder_recording(tmp_path / "r", count, [picture(n) for n in range(count)])
+    for file in sorted((folder / "right").iterdir(), reverse=True):
+        file.rename(file.with_name(f"{int(file.stem) + 1:04d}.png"))
+    notes = open_recording(folder).notes
+    assert any(f"left/0000.png and right/0001.png: paired {how}" in note for note in notes)
+
+
 def test_rate_of_the_caller_replaces_the_times_of_one_camera(tmp_path: Path) -> None:
     folder = folder_recording(tmp_path / "r") / "left"
     write_times(folder / "timestamps.csv", [0, 7, 9])
@@ -268,8 +297,8 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Open
     """Address of a folder with a side-by-side video and both of its halves, and how to open them."""
     folder = tmp_path_factory.mktemp("served")
     left, right = textured()[:48, :64], textured(4)[:48, :64]
-    for name, picture in (("both", np.hstack([left, right])), ("left", left), ("right", right)):
-        write_frames(folder / f"{name}.avi", [np.ascontiguousarray(picture)] * COUNT)
+    for name, image in (("both", np.hstack([left, right])), ("left", left), ("right", right)):
+        write_frames(folder / f"{name}.avi", [np.ascontiguousarray(image)] * COUNT)
     save_rig(toy_rig((64, 48), focal_px=60.0), folder / "rig.toml")
     with ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(folder))) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()

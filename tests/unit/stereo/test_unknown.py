@@ -20,27 +20,27 @@ DEEP = np.full((24, 32), 2000, np.uint16)
 @pytest.mark.parametrize(
     ("names", "found"),
     [
-        ("rgb/0.png depth/0.png depth2/0.png", "2 folders of depth, depth and depth2: move all but the one in"),
-        ("a/0.png b/0.png depth/0.png", "depth in depth and 2 folders of images (a and b): name that of its"),
-        ("a/0.png b/0.png c/0.png", "3 folders of images, a, b and c: give those of the left and the right"),
+        ("rgb/0.png depth/0.png depth2/0.png", "folders of images, depth, depth2 and rgb: give the two of a pair"),
+        ("a/0.png b/0.png depth/0.png", "folders of images, a, b and depth: give the two of a pair as two paths"),
         ("walk/left/0.png walk/right/0.png", "a folder of recordings: give one of them"),
         ("photo.png", "a single image, in which nobody walks: give the folder of a camera's images (photo.png)"),
-        ("camA.avi camB.avi", "camA.avi and camB.avi: give both, that of the left camera first, or rename it left.avi"),
-        ("a.avi b.avi c.avi d.avi", "4 videos, a.avi, b.avi, c.avi and 1 more: give one of them"),
-        ("one/0.png two/0.png", "two folders of images, one and two: rename that of the left camera left"),
-        ("left/0.png", "images of the left camera alone: put those of the other into"),
-        ("x.png y.png", "x.png and y.png: put those of each camera into folders left and right"),
-        ("a.heic", "1 .heic): .heic is a kind of image that is not read: convert it to PNG or JPEG"),
-        ("left/a.npy", "arrays: write them as images"),
-        ("a.yuv", "pixels without a container: ffmpeg -f rawvideo"),
-        ("right/0.png left/a.heic", "left: expected images of one camera, found no images, videos or bags in it (a.he"),
-        ("right/0.png left/images/0.png", "found none in it, but in its folder images: move them up"),
-        (
-            "left/a.mp4 left/b.mp4 right/a.mp4",
-            "left: expected images of one camera, found several videos, a.mp4 and b.mp4",
-        ),
-        ("left/a.mp4 right/a.mp4", "found a video, a.mp4: give the videos of both cameras as two paths"),
-        ("notes.txt", "no images, videos or bags in it (notes.txt; 1 .txt)"),
+        ("camA.avi camB.avi", "videos, camA.avi and camB.avi: give the two of a pair as two paths, left first"),
+        ("a.avi b.avi c.avi d.avi", "videos, a.avi, b.avi, c.avi and 1 more: give"),
+        ("walk_rgb.avi walk_depth.avi", "walk_rgb.avi: depth in a video is not read"),
+        ("color.mp4 Disparity.mkv", "color.mp4: depth in a video is not read"),
+        ("left.avi right_depth.avi", "right_depth.avi: depth in a video is not read"),
+        ("rgb/0.png depth.mkv", "depth.mkv: depth in a video is not read"),
+        ("left/0.png", "folders of images, left: give the two of a pair"),
+        ("x.png y.png", "images, x.png and y.png: give the two of a pair"),
+        ("a.bag b.bag", "bags, a.bag and b.bag: give one of them"),
+        ("a.heic", "a file of the kind .heic: convert it to PNG or JPEG"),
+        ("left/a.npy", "write its arrays as images"),
+        ("a.yuv", "ffmpeg -f rawvideo"),
+        ("right/0.png left/a.heic", "left: expected images of one camera, found no images, videos or bags but a.heic"),
+        ("right/0.png left/images/0.png", "found folders of images, images"),
+        ("left/a.mp4 left/b.mp4 right/a.mp4", "left: expected images of one camera, found videos, a.mp4 and b.mp4"),
+        ("left/a.mp4 right/a.mp4", "found videos, a.mp4: give the two of a pair as two paths"),
+        ("notes.txt", "no images, videos or bags but notes.txt, a file of another kind"),
         ("a.svo2", "ZED SDK"),
     ],
 )
@@ -51,6 +51,13 @@ def test_folder_that_nearly_fits_is_told_what_to_do(tmp_path: Path, names: str, 
     with pytest.raises(InputError) as error:
         find_layout(tmp_path)
     assert found in str(error.value) and len(str(error.value)) < 300 + len(str(tmp_path))
+
+
+def test_depth_given_as_a_video_of_its_own_is_named(tmp_path: Path) -> None:
+    (tmp_path / "rgb.avi").touch()
+    (tmp_path / "depth.avi").touch()
+    with pytest.raises(InputError, match=r"depth.avi: depth in a video is not read"):
+        find_layout(tmp_path / "rgb.avi", OpenOptions(right=tmp_path / "depth.avi"))
 
 
 def test_two_single_images_are_no_recording(tmp_path: Path) -> None:
