@@ -22,7 +22,7 @@ from planview.counting.events import Event, read_events, write_event_header, wri
 from planview.counting.rules import AnalyticsParams, RulePlane, Rules, stereo_plane
 from planview.counting.totals import count_tracks, count_truth, score_counts, score_events
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
-from planview.evaluation.explain import explanation
+from planview.evaluation.misfit import misfit
 from planview.evaluation.result import Evaluation, pooled
 from planview.output.folder import unfinished_note, write_result, writing
 from planview.output.run_folder import RunFolder
@@ -156,8 +156,8 @@ def _scored(
         begin, end = int(truth.frame.min()), int(truth.frame.max())
         if begin > last or end < first:
             expected = f"expected truth of the frames {first} to {last} of {names[0]}, found {begin} to {end}"
-            known = explanation(truth, tracks, params.match_on == "floor")
-            raise InputError(f"{names[1]}: {'; '.join(filter(None, (expected, known)))}")
+            cause = misfit(truth, tracks, params.match_on == "floor")
+            raise InputError(f"{names[1]}: {expected}" + (f"; {cause}" if cause else ""))
     try:
         result = evaluate_tracks(tracks, truth, params, span)
     except InputError as error:

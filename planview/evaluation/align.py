@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
+from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +20,11 @@ from planview.evaluation.metrics import (
     build_sequence,
     floor_similarity,
 )
-from planview.trajectories.table import Trajectories
+from planview.trajectories.table import Trajectories, rows_by_id
+
+C128 = np.ndarray[Any, np.dtype[np.complex128]]
+AS_COMPLEX = np.array([1.0, 1.0j])
+"""``xy @ AS_COMPLEX``: (N, 2) places as (N,) complex numbers, which turn and scale by a product."""
 
 
 @dataclass(frozen=True)
@@ -40,28 +46,42 @@ class FloorAlignment:
         return np.asarray(xy @ floor_rotation(self.rotation_rad).T + np.array([self.x_m, self.y_m]))
 
 
+LONGEST = 12
+"""People and tracks that are laid over each other: more of them only cost time."""
+LEAST_ROWS = 10
+"""Frames that a person and a track must have in common."""
+LEAST_M = 0.5
+"""How far a person and a track must go: who stands gives no rotation."""
+
+
 def align_tracks(tracks: Trajectories, truth: Trajectories, gate_m: float) -> tuple[Trajectories, FloorAlignment]:
     """Find the rigid motion (no scale, no mirror) that lets most rows match, and apply it.
 
     Candidates come from pairs of boxes that overlap (IoU 0.5) where both tables have boxes, else from laying long
     tracks over long true paths; the best is refined on its own matches. Raises WorkError: nothing to align on."""
-    candidates = list(_candidates(tracks, truth))
+    candidates = [fit_rigid(_xy(tracks)[k], _xy(truth)[t]) for t, k in _pairs_to_lay(tracks, truth)]
     if not candidates:
         raise WorkError("expected tracks that move along with the truth to align them, found none in common frames")
     common = np.intersect1d(tracks.frame, truth.frame)
     # Frames on which candidates are compared.
     sample = common[:: 1 + len(common) // 200]
-    thin = tuple(table.where(np.isin(table.frame, sample)) for table in (tracks, truth))
-    best = max((_score(c, thin[0], thin[1], gate_m) for c in candidates), key=lambda a: (a.pairs, -a.rms_m))
-    best = _score(best, tracks, truth, gate_m)
+    thin_tracks = tracks.where(np.isin(tracks.frame, sample))
+    thin_truth = truth.where(np.isin(truth.frame, sample))
+    scores = [_score(candidate, thin_tracks, thin_truth, gate_m) for candidate in candidates]
+    best = _score(max(scores, key=_rank), tracks, truth, gate_m)
     for _ in range(10):
-        pairs = _pairs(truth, moved(tracks, best), floor_similarity(gate_m))
-        refit = next(_fit_pairs(tracks, truth, pairs), best)
-        refined = _score(refit, tracks, truth, gate_m)
-        if (refined.pairs, -refined.rms_m) <= (best.pairs, -best.rms_m):
+        t, k = _matches(truth, moved(tracks, best), floor_similarity(gate_m)).T
+        if not _can_fit(_places(tracks)[k], _places(truth)[t]):
+            break
+        refined = _score(fit_rigid(_xy(tracks)[k], _xy(truth)[t]), tracks, truth, gate_m)
+        if _rank(refined) <= _rank(best):
             break
         best = refined
     return moved(tracks, best), best
+
+
+def _rank(alignment: FloorAlignment) -> tuple[int, float]:
+    return alignment.pairs, -alignment.rms_m
 
 
 def moved(tracks: Trajectories, alignment: FloorAlignment) -> Trajectories:
@@ -78,58 +98,79 @@ def floor_rotation(angle_rad: float) -> F64:
     return np.array([[c, -s], [s, c]])
 
 
+def fit_turn(source: C128, target: C128) -> C128:
+    """(...) turns and scales, as complex numbers, that lay (..., N) places over others by least squares, each around
+    their means (Umeyama 1991)."""
+    a = source - source.mean(axis=-1, keepdims=True)
+    b = target - target.mean(axis=-1, keepdims=True)
+    return np.asarray((a.conj() * b).sum(axis=-1) / (np.abs(a) ** 2).sum(axis=-1))
+
+
 def fit_rigid(source: F64, target: F64) -> FloorAlignment:
-    """Least-squares rotation and translation of (N, 2) source onto target points (Umeyama 1991 without scale)."""
-    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
-    angle = math.atan2(float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()), float((a * b).sum()))
+    """Least-squares rotation and translation of (N, 2) source onto target points."""
+    angle = float(np.angle(fit_turn(source @ AS_COMPLEX, target @ AS_COMPLEX)))
     shift = target.mean(axis=0) - floor_rotation(angle) @ source.mean(axis=0)
     result = FloorAlignment(angle, float(shift[0]), float(shift[1]), 0.0, len(source))
     return replace(result, rms_m=_rms(result.apply(source) - target))
 
 
-def _candidates(tracks: Trajectories, truth: Trajectories) -> Iterator[FloorAlignment]:
-    if np.isfinite(tracks.box_px).all(axis=1).any() and np.isfinite(truth.box_px).all(axis=1).any():
-        yield from _fit_pairs(tracks, truth, _pairs(truth, tracks, box_similarity))
-    for person in _longest(truth):
-        for track in _longest(tracks):
-            p, k = np.flatnonzero(truth.track_id == person), np.flatnonzero(tracks.track_id == track)
-            _, i, j = np.intersect1d(truth.frame[p], tracks.frame[k], return_indices=True)
-            yield from _fit_pairs(tracks, truth, np.column_stack([p[i], k[j]]))
+def paths_to_lay(truth: Trajectories, tracks: Trajectories) -> Iterator[tuple[I64, I64]]:
+    """Rows of a long true path and of a long track in their common frames, for every pair of these."""
+    true_xy = _places(truth)
+    track_xy = _places(tracks)
+    for person, track in product(_longest(truth), _longest(tracks)):
+        _, i, j = np.intersect1d(truth.frame[person], tracks.frame[track], return_indices=True)
+        if len(i) >= LEAST_ROWS and _can_fit(true_xy[person[i]], track_xy[track[j]]):
+            yield person[i], track[j]
 
 
-def _longest(table: Trajectories) -> list[int]:
-    ids, counts = np.unique(table.track_id, return_counts=True)
-    # Longest tracks and people that are tried on each other; more only cost time.
-    return [int(i) for i in ids[np.argsort(-counts, kind="stable")[:12]]]
+def _longest(table: Trajectories) -> list[I64]:
+    """Rows of the longest paths."""
+    rows = [rows for _, rows in rows_by_id(table.track_id)]
+    return sorted(rows, key=len, reverse=True)[:LONGEST]
 
 
-def _fit_pairs(tracks: Trajectories, truth: Trajectories, pairs: I64) -> Iterator[FloorAlignment]:
-    """A fit to (truth row, track row) pairs, unless they are too few or lie on a spot (no rotation to be had)."""
-    target, source = _xy(truth)[pairs[:, 0]], _xy(tracks)[pairs[:, 1]]
-    known = np.isfinite(source).all(axis=1) & np.isfinite(target).all(axis=1)
-    source, target = source[known], target[known]
-    if len(source) >= 5 and min(np.ptp(source, axis=0).max(), np.ptp(target, axis=0).max()) >= 0.5:
-        yield fit_rigid(source, target)
+def _can_fit(source: C128, target: C128) -> bool:
+    """Whether places can be laid over others: enough of them, known, and not on a spot."""
+    if len(source) < 5 or not np.isfinite(source + target).all():
+        return False
+    return bool(min(np.abs(source - source[0]).max(), np.abs(target - target[0]).max()) >= LEAST_M)
 
 
-def _pairs(truth: Trajectories, tracks: Trajectories, similarity: Similarity) -> I64:
+def _pairs_to_lay(tracks: Trajectories, truth: Trajectories) -> Iterator[tuple[I64, I64]]:
+    """Rows of the truth and of the tracks that may belong together."""
+    has_boxes = [np.isfinite(table.box_px).all(axis=1).any() for table in (tracks, truth)]
+    if all(has_boxes):
+        t, k = _matches(truth, tracks, box_similarity).T
+        known = np.isfinite(_places(truth)[t] + _places(tracks)[k])
+        if _can_fit(_places(tracks)[k[known]], _places(truth)[t[known]]):
+            yield t[known], k[known]
+    yield from paths_to_lay(truth, tracks)
+
+
+def _matches(truth: Trajectories, tracks: Trajectories, similarity: Similarity) -> I64:
     """(K, 2) truth and track rows of the frame-by-frame matches."""
-    found = build_sequence(truth, tracks, similarity)
-    matched = best_pairs(found.pair_truth, found.pair_track, found.similarity, found.pair_frame)
-    matched &= found.similarity >= THRESHOLD
-    return np.column_stack([found.pair_truth[matched], found.pair_track[matched]])
+    pairs = build_sequence(truth, tracks, similarity)
+    matched = best_pairs(pairs.pair_truth, pairs.pair_track, pairs.similarity, pairs.pair_frame)
+    matched &= pairs.similarity >= THRESHOLD
+    return np.column_stack([pairs.pair_truth[matched], pairs.pair_track[matched]])
 
 
 def _score(alignment: FloorAlignment, tracks: Trajectories, truth: Trajectories, gate_m: float) -> FloorAlignment:
     """The alignment with the number and rms of the rows it matches."""
     laid = moved(tracks, alignment)
-    pairs = _pairs(truth, laid, floor_similarity(gate_m))
+    pairs = _matches(truth, laid, floor_similarity(gate_m))
     offset = _xy(laid)[pairs[:, 1]] - _xy(truth)[pairs[:, 0]]
     return replace(alignment, pairs=len(pairs), rms_m=_rms(offset) if len(pairs) else math.inf)
 
 
 def _xy(table: Trajectories) -> F64:
     return np.column_stack([table.x_m, table.y_m])
+
+
+def _places(table: Trajectories) -> C128:
+    """(N,) positions as complex numbers."""
+    return np.asarray(_xy(table) @ AS_COMPLEX)
 
 
 def _rms(offset: F64) -> float:

@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
+from calib.doubt import Finding, Hypothesis
 from calib.errors import InputError
 from calib.params import Params
 from calib.types import F64, I64, Bool
 from planview.evaluation.align import FloorAlignment, align_tracks, moved
-from planview.evaluation.explain import GOOD, explanation, fit, shift_between
-from planview.evaluation.metrics import Similarity, box_similarity, build_sequence, clear_scores, floor_similarity
+from planview.evaluation.coverage import coverage, usual_step
+from planview.evaluation.metrics import (
+    ClearScores,
+    Sequence,
+    Similarity,
+    box_similarity,
+    build_sequence,
+    clear_scores,
+    floor_similarity,
+)
+from planview.evaluation.misfit import GOOD, fit, misfit, shift_between
 from planview.evaluation.result import Evaluation, FacingErrors, TruthRows
 from planview.evaluation.significant import (
     EVENT_S,
@@ -27,12 +38,25 @@ from planview.evaluation.significant import (
     strict_identity_changes,
 )
 from planview.trajectories.state import SURE_FACING
-from planview.trajectories.table import IGNORED, Trajectories, frame_period_s, frame_step, people_of, rows_by_id
+from planview.trajectories.table import (
+    IGNORED,
+    Trajectories,
+    frame_period_s,
+    frame_step,
+    ordinal,
+    people_of,
+    rows_by_id,
+)
 
 SHIFTED = 0.85
 """Share of the error that a shift must get below: with less gain both may count frames alike."""
 HEIGHTS_APART = 1.25
 """Ratio of median heights that no two ways to measure a body have (shoulders are 0.82 of it)."""
+STRANGE = 0.1
+"""A track with a smaller share of its rows near people of the truth is that of nobody there."""
+WALKS_S = 2.0
+"""And one that is longer and goes farther than this walks as people do: flickers do not (our choice)."""
+WALKS_M = 1.0
 STEP_S = 0.25
 """Time before and after, between which the velocity of the truth is measured [s]. Half a stride, so that
 the sway of a walker cancels."""
@@ -77,9 +101,12 @@ def evaluate_tracks(
     params, whole = params or EvaluationParams(), truth
     frames = frames or tracks.tracked or _frames_with_rows(tracks, truth)
     tracks, truth = (t.where((t.frame >= frames[0]) & (t.frame <= frames[1])) for t in (tracks, truth))
-    some = frame_step(np.unique(truth.frame)) > 1
-    result = _of_some_frames(tracks, truth, params) if some else _scores(tracks, truth, params, frames)
-    return replace(result, explanation=_explained(tracks, whole, params, result))
+    step = frame_step(np.unique(truth.frame))
+    if step > 1 and usual_step(truth) <= step:  # of everybody
+        result = _of_some_frames(tracks, truth, params)
+    else:
+        result = _scores(tracks, truth, params, frames)
+    return replace(result, cause=_cause(tracks, whole, params, result))
 
 
 def _frames_with_rows(*tables: Trajectories) -> tuple[int, int]:
@@ -91,7 +118,9 @@ def _frames_with_rows(*tables: Trajectories) -> tuple[int, int]:
 def _scores(tracks: Trajectories, truth: Trajectories, params: EvaluationParams, frames: tuple[int, int]) -> Evaluation:
     """Scores of rows in these frames, without what would explain them."""
     frame_s, on_floor = frame_period_s(tracks, 1.0 / params.fps), params.match_on == "floor"
-    claimed, predicted, people, alignment = _comparable(tracks, truth, params)
+    confirmed, predicted, people, alignment = _comparable(tracks, truth, params)
+    covered = coverage(people, confirmed, on_floor, frame_s)
+    claimed = confirmed.where(covered.judged)
     similarity = floor_similarity(params.gate_m) if on_floor else box_similarity
     ignored, excused = _ignored(people, claimed, params.min_visible, similarity)
     counted, followed = people.where(~ignored), claimed.where(~excused)
@@ -108,12 +137,14 @@ def _scores(tracks: Trajectories, truth: Trajectories, params: EvaluationParams,
     placed = on_floor or alignment is not None  # else the world frames may differ
     facing_deg = followed.facing_deg[k] if placed else np.full(len(k), np.nan)
     heights = np.abs(followed.height_m[k] - counted.height_m[t])
+    height_ratios = counted.height_m[t] / followed.height_m[k]
     return Evaluation(
         sequence=sequence,
         clear=clear,
         rows=_truth_rows(counted, followed, matches, placed),
         ignored_rows=int(ignored.sum()),
         height_error_m=heights[np.isfinite(heights)],
+        height_ratio=_median(height_ratios),
         facing=facing_errors(
             facing_deg, followed.facing_confidence[k], counted.where(t), velocities(people, frame_s)[~ignored][t]
         ),
@@ -126,31 +157,57 @@ def _scores(tracks: Trajectories, truth: Trajectories, params: EvaluationParams,
         covered_frames=len(np.intersect1d(claimed.frame, people.frame)),
         alignment=alignment,
         shift=_shift(counted, followed, similarity, on_floor),
-        unplaced_rows=len(truth) - len(people) + int((tracks.state == "confirmed").sum()) - len(claimed),
+        unplaced_rows=len(truth) - len(people) + int((tracks.state == "confirmed").sum()) - len(confirmed),
+        unjudged_rows=len(confirmed) - len(claimed),
+        limits=covered.limits,
+        strangers=_strangers(sequence, clear, followed, frame_s) if on_floor else (),
     )
 
 
-def _explained(tracks: Trajectories, truth: Trajectories, params: EvaluationParams, result: Evaluation) -> str:
-    """What would make a bad score of confirmed rows good, in a sentence; ``truth`` with the rows of frames that were
-    not scored, since their numbers may be what is wrong."""
-    truth, on_floor = truth.where(truth.visible != IGNORED), params.match_on == "floor"
+def _cause(tracks: Trajectories, truth: Trajectories, params: EvaluationParams, result: Evaluation) -> Finding | None:
+    """What would make a bad score of confirmed rows good; ``truth`` with the rows of frames that were not scored, since
+    their numbers may be what is wrong."""
+    on_floor = params.match_on == "floor"
+    truth = truth.where(truth.visible != IGNORED)
+    tracks = tracks.where(tracks.state == "confirmed")
+    if result.alignment is not None:
+        tracks = moved(tracks, result.alignment)
     is_hidden = truth.visible < params.min_visible
-    tracks, hidden, counted = tracks.where(tracks.state == "confirmed"), truth.where(is_hidden), truth.where(~is_hidden)
+    hidden = truth.where(is_hidden)
     if 2 * len(hidden) > len(truth) and fit(hidden, tracks, on_floor) >= GOOD:
-        return (
-            f"{len(hidden)} of {len(truth)} rows of the truth are too hidden to count, and yet most are near a track: "
-            "does its column visible hold the share that is seen?"
+        return Finding(
+            Hypothesis("the truth's column visible does not hold the share that is seen", "correct it", _as_it_is),
+            f"{len(hidden)} of {len(truth)} rows are too hidden to count, and yet most are near a track",
         )
-    is_laid = result.alignment is not None and fit(counted, moved(tracks, result.alignment), on_floor) >= GOOD
-    if not is_laid and (explained := explanation(counted, tracks, on_floor)):
+    if explained := misfit(truth.where(~is_hidden), tracks, on_floor):
         return explained
-    true, found = (heights[np.isfinite(heights)] for heights in (counted.height_m, tracks.height_m))
-    if not (len(true) and len(found) and len(result.clear.matches)):
-        return ""
-    ratio = np.median(true) / np.median(found)
-    if not max(ratio, 1.0 / ratio) > HEIGHTS_APART:
-        return ""
-    return f"heights of the truth are {ratio:.3g} times those of the tracks: another unit or part of the body?"
+    if not max(result.height_ratio, 1.0 / result.height_ratio) > HEIGHTS_APART:
+        return None
+    return Finding(
+        Hypothesis("the truth's heights are of another unit or part of the body", "convert them", _as_it_is),
+        f"they are {result.height_ratio:.3g} times those of the tracks",
+    )
+
+
+def _as_it_is(table: Trajectories) -> Trajectories:
+    return table
+
+
+def _strangers(sequence: Sequence, clear: ClearScores, tracks: Trajectories, frame_s: float) -> tuple[int, ...]:
+    """Indices of tracks that are near nobody all along and yet walk as people do."""
+    matched = np.bincount(sequence.tracks[clear.matches[:, 1]], minlength=sequence.n_tracks)
+    strangers = []
+    for index, (_, rows) in enumerate(rows_by_id(tracks.track_id)):
+        went_m = max(np.ptp(tracks.x_m[rows]), np.ptp(tracks.y_m[rows]))
+        if matched[index] < STRANGE * len(rows) and len(rows) * frame_s > WALKS_S and went_m > WALKS_M:
+            strangers.append(index)
+    return tuple(strangers)
+
+
+def _median(values: F64) -> float:
+    """Median of the known values; NaN without any."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else math.nan
 
 
 def _comparable(
@@ -218,10 +275,12 @@ def _of_some_frames(tracks: Trajectories, truth: Trajectories, params: Evaluatio
     scored, known = (replace(t, frame=np.searchsorted(annotated, t.frame)) for t in (own, truth))
     result = _scores(scored, known, params.model_copy(update={"fps": 1.0 / period_s}), (0, len(annotated) - 1))
     claimed = tracks.where(tracks.state == "confirmed").frame
+    left_out = claimed[~np.isin(claimed, annotated)]
     return replace(
         result,
         significant=[replace(error, frame=int(annotated[error.frame])) for error in result.significant],
-        left_out_frames=len(np.setdiff1d(claimed, annotated)),
+        unjudged_rows=result.unjudged_rows + len(left_out),
+        limits=(f"it has rows in about every {ordinal(frame_step(annotated))} frame only", *result.limits),
         shift=0,
     )
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
+from calib.doubt import Finding
 from calib.types import F64, I64, Bool
 from planview.evaluation.align import FloorAlignment
 from planview.evaluation.metrics import (
@@ -25,6 +26,8 @@ from planview.evaluation.metrics import (
 )
 from planview.evaluation.significant import ErrorKind, SignificantError, poisson_upper
 
+FEW = 0.5
+"""A smaller share of matched rows needs explaining (our choice)."""
 PEOPLE_GROUPS = (("0", 0, 0.0), ("1-2", 1, 2.0), ("3-5", 3, 5.0), ("6-9", 6, 9.0), ("10+", 10, math.inf))
 """(name, first, last): numbers of people as table 4 of Zhang et al. 2008 groups them."""
 
@@ -143,6 +146,7 @@ LABELS = {
     "events_per_10_min": "such moments in 10 min", "events_per_10_min_upper": "such moments in 10 min, at most",
     "strict_identity_changes": "lasting identity changes", "strict_per_10_min": "lasting identity changes in 10 min",
     "ignored_rows": "positions too hidden to count", "track_rows": "positions tracked", "matches": "positions matched",
+    "judged_share": "share of the positions tracked that the truth covers",
     "duration_s": "duration [s]", "track_frames": "frames with tracks",
     "covered_frames": "frames with tracks and truth",
 }  # fmt: skip
@@ -166,9 +170,12 @@ class Evaluation:
         tracked_people: tracks that count as people (``people_of``), near somebody or not.
         track_frames, covered_frames: frames with confirmed tracks, and those of them in which the truth has rows.
         shift: frames by which the tracks have to be moved to lie clearly nearer to the truth, else 0.
-        explanation: a sentence on what would make a bad score good; empty where nothing would.
+        height_ratio: median height of matched people of the truth, in heights of their tracks; NaN where unknown.
+        cause: what would make a bad score good; None where nothing would.
         alignment: the motion applied to the tracks; None without ``align``.
-        left_out_frames: frames with confirmed tracks between those that a truth of only some frames has.
+        unjudged_rows: confirmed rows outside of what the truth covers.
+        limits: why the truth does not cover them, a clause each.
+        strangers: tracks that are near nobody of the truth and yet walk as people do.
         unplaced_rows: truth rows and confirmed rows without what they are matched on, which are left out.
         recordings: scores of each of several recordings, by name; empty for one.
     """
@@ -188,8 +195,11 @@ class Evaluation:
     covered_frames: int
     alignment: FloorAlignment | None
     shift: int = 0
-    explanation: str = ""
-    left_out_frames: int = 0
+    height_ratio: float = math.nan
+    cause: Finding | None = None
+    unjudged_rows: int = 0
+    limits: tuple[str, ...] = ()
+    strangers: tuple[int, ...] = ()
     unplaced_rows: int = 0
     recordings: dict[str, Evaluation] = field(default_factory=dict)
 
@@ -203,7 +213,8 @@ class Evaluation:
         all_hidden = self.ignored_rows and not self.sequence.truth_rows
         hidden = f" (all {self.ignored_rows:,} rows hidden)" if all_hidden else ""
         noun = "person" if people == 1 else "people"
-        parts = [f"{people} {noun} in the truth{hidden}, {self.tracked_people} tracked"]
+        doubted = f" (do they fit if {self.cause.names}?)" if self.cause else ""
+        parts = [f"{people} {noun} in the truth{hidden}{doubted}, {self.tracked_people} tracked"]
         for name, value in (("MOTA", self.mota), ("IDF1", self.idf1)):
             parts += [f"{name} {value:.3f}"] if value is not None else []
         for name, mean_m in (("position", self.position_error_mean_m), ("height", self.height_error_mean_m)):
@@ -232,30 +243,53 @@ class Evaluation:
     @property
     def uncovered(self) -> str:
         """A sentence on what of truth and tracks does not fit together; empty where all does."""
-        return "; ".join(filter(None, (*self._left_out(), self._misfit())))
+        sentences = []
+        if self.unjudged_rows:
+            why = ", and ".join(self.limits)
+            share = f"{self.judged_share:.0%} of the tracks' rows are judged"
+            sentences.append(f"{share}: the truth does not cover the others, since {why}")
+        if self.unplaced_rows:
+            sentences.append(f"{self.unplaced_rows} rows without a finite position or box are left out")
+        if misfit := self._misfit():
+            sentences.append(misfit)
+        return "; ".join(sentences)
 
-    def _left_out(self) -> tuple[str, ...]:
-        frames, rows = self.left_out_frames, self.unplaced_rows
-        return (
-            f"the truth has rows in {self.sequence.n_frames} frames only: {frames} frames with tracks between them are "
-            "left out" if frames else "",
-            f"{rows} rows of truth and tracks without a finite position or box are left out" if rows else "",
-        )  # fmt: skip
+    @property
+    def judged_share(self) -> float | None:
+        """Share of the tracks' rows that the truth covers."""
+        rows = self.sequence.track_rows + self.unjudged_rows
+        return self.sequence.track_rows / rows if rows else None
 
     def _misfit(self) -> str:
-        if self.explanation:
-            return self.explanation
-        if self.covered_frames and self.sequence.track_rows and not len(self.clear.matches):
-            return "no track is near any truth row, in any unit, axes or frames that were tried"
+        if self.cause is not None:
+            return str(self.cause)
         if self.shift:
             frames = f"{self.shift:+d} frame{'s' * (abs(self.shift) > 1)}"
             return f"tracks moved by {frames} fit clearly better: do both number frames from the same start?"
-        if 2 * self.covered_frames >= self.track_frames:
-            return ""
-        return (
-            f"the truth covers {self.covered_frames} of {self.track_frames} frames with tracks: in the others "
-            "every track counts as false"
-        )
+        if 2 * self.covered_frames < self.track_frames:
+            return (
+                f"the truth covers {self.covered_frames} of {self.track_frames} frames with tracks: in the others "
+                "every track counts as false"
+            )
+        return self._unexplained()
+
+    def _unexplained(self) -> str:
+        """A sentence where few rows match and nothing that was tried explains it; else empty."""
+        matches = len(self.clear.matches)
+        truth_rows, track_rows = self.sequence.truth_rows, self.sequence.track_rows
+        strange_rows = int(np.isin(self.sequence.tracks, self.strangers).sum())
+        if matches > FEW * truth_rows and strange_rows > (1.0 - FEW) * track_rows / 2:
+            mota = 1.0 - (self.clear.misses + track_rows - strange_rows - matches + self.switches) / truth_rows
+            return (
+                f"{len(self.strangers)} of {self.sequence.n_tracks} tracks walk where the truth has nobody: are they "
+                f"false, or does it hold some people only? Without them MOTA is {mota:.3f}"
+            )
+        if truth_rows and track_rows and matches < FEW * max(truth_rows, track_rows):
+            return (
+                f"{matches} of {truth_rows} truth rows and {track_rows} track rows match, and no change of axes, "
+                "units, places, frames, ids, boxes or people that was tried explains it"
+            )
+        return ""
 
     @cached_property
     def _hota(self) -> HotaScores:
@@ -324,6 +358,7 @@ class Evaluation:
             "ignored_rows": self.ignored_rows,
             "track_rows": self.sequence.track_rows,
             "matches": len(self.clear.matches),
+            "judged_share": self.judged_share,
             "duration_s": self.duration_s,
             "track_frames": self.track_frames,
             "covered_frames": self.covered_frames,
@@ -337,7 +372,7 @@ class Evaluation:
 
 _SUMS = (
     "ignored_rows", "events", "strict_identity_changes", "duration_s", "tracked_people", "track_frames",
-    "covered_frames", "left_out_frames", "unplaced_rows",
+    "covered_frames", "unjudged_rows", "unplaced_rows",
 )  # fmt: skip
 
 

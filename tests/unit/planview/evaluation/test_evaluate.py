@@ -235,7 +235,10 @@ def test_evaluate_scores_the_frames_of_the_run_as_its_report_does(files, capsys)
     info = RunInfo(input=str(folder), finished=True, frames_read=75, fps=30.0)
     write_run_info(info, folder / "run.json")
     assert run(str(folder), "--json") == 0
-    result, printed = json.loads(capsys.readouterr().out), scores_of(RunFolder(folder))
+    result = json.loads(capsys.readouterr().out)
+    scores = scores_of(RunFolder(folder))
+    assert scores is not None
+    printed = scores.to_json()
     assert result["duration_s"] == pytest.approx(2.5, abs=0.01) and result["misses"] == 15
     assert {key: result[key] for key in printed} == printed
 
@@ -243,10 +246,10 @@ def test_evaluate_scores_the_frames_of_the_run_as_its_report_does(files, capsys)
 @pytest.mark.parametrize(
     ("truth", "note"),
     [
-        ([f"{t},4,0.0,{0.03 * t:.2f},1.7,1" for t in range(20)], "the truth covers 20 of 60 frames with tracks"),
+        ([f"{t},4,0.0,{0.03 * t:.2f},1.7,1" for t in range(20)], "33% of the tracks' rows are judged"),
         (
             [f"{t},4,900,{9000 + 30 * t},1700,1" for t in range(60)],
-            "in place of 0%, if its unit is millimetres",
+            "the truth's unit is millimetres",
         ),
     ],
     ids=["no rows in most frames", "another unit"],
@@ -334,8 +337,8 @@ def test_truth_of_every_fifth_frame_leaves_the_others_out():
     tracks, truth = walk(101), walk(101)
     truth = truth.where(truth.frame % 5 == 0)
     result = evaluate_tracks(tracks, truth)
-    assert (result.clear.mota, result.clear.false_positives, result.left_out_frames) == (1.0, 0, 80)
-    assert result.duration_s == pytest.approx(21 * 5 / 30) and "21 frames only: 80 frames" in result.uncovered
+    assert (result.clear.mota, result.clear.false_positives, result.unjudged_rows) == (1.0, 0, 80)
+    assert result.duration_s == pytest.approx(21 * 5 / 30) and "every 5th frame only" in result.uncovered
     stray = evaluate_tracks(replace(tracks, x_m=tracks.x_m + 5 * (tracks.frame >= 50)), truth)
     assert [(error.kind, error.frame) for error in stray.significant] == [("false_track", 50), ("lost", 50)]
 
@@ -344,7 +347,7 @@ def test_rows_without_a_position_are_counted():
     tracks = walk(10)
     tracks.x_m[3] = np.inf
     result = evaluate_tracks(tracks, walk(10))
-    assert result.unplaced_rows == 1 and "1 rows of truth and tracks without a finite position" in result.uncovered
+    assert result.unplaced_rows == 1 and "1 rows without a finite position" in result.uncovered
 
 
 def test_what_a_run_returns_is_scored_on_the_frames_that_it_read():

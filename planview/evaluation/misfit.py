@@ -1,0 +1,366 @@
+"""Why truth and tracks do not fit together: hypotheses about either table, each undone and scored.
+
+Axes, units, numbers of frames and forms of boxes are tried. A shift in time and an offset in the plane are not tried
+but voted for, by pairs of rows that are near each other or move alike and by pairs of rows of one frame (as a Hough
+transform does). Any other turn or scale is fitted to a track and a person.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
+from itertools import product
+
+import numpy as np
+
+from calib.doubt import Finding, Hypothesis, Score, best
+from calib.types import F64
+from planview.evaluation.align import AS_COMPLEX, fit_turn, paths_to_lay
+from planview.evaluation.places import (
+    CLOSE_M,
+    Places,
+    movements,
+    near_unit,
+    places_of,
+    share_near,
+    voted_offset,
+    voted_shift,
+    with_places,
+)
+from planview.trajectories.table import Trajectories, ordinal
+
+GOOD = 0.8
+"""Share of the truth's rows near a track from which on nothing needs explaining (our choice)."""
+LEAST = 0.8 * GOOD
+"""Share that a hypothesis must reach, and the factor by which it must exceed the share as given."""
+GAIN = 1.3
+FEWEST_ROWS = 20
+"""Rows of either table from which on they are compared."""
+VOTERS = 300
+"""Rows of the truth that are tried, spread over the whole."""
+VOTED_ON = 1500
+"""Rows of the tracks that vote."""
+PER_CHANGE = 1.03
+"""Odds against each change: so much more of the rows it must bring near a track (our choice)."""
+CHANGES_MAX = 2
+"""Changes tried together, besides a shift and an offset."""
+ALIKE = 1.01
+"""Two hypotheses under which about the same rows are near a track explain them alike."""
+TURNED_DEG = 1.0
+"""A turn that is none."""
+SCALED = 0.03
+"""A change of scale that is none."""
+FEET_M = 0.3048
+INCHES_M = 0.0254
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """The tracks over which a truth is laid."""
+
+    table: Trajectories
+    on_floor: bool
+
+    @cached_property
+    def unit(self) -> float:
+        return near_unit(self.table, self.on_floor)
+
+    @cached_property
+    def places(self) -> Places:
+        return self.places_of(self.table)
+
+    @cached_property
+    def voters(self) -> Places:
+        return self.places.thinned(VOTED_ON)
+
+    @cached_property
+    def moving(self) -> Places:
+        """Movements of the tracks."""
+        return movements(self.table, self.places).thinned(VOTED_ON)
+
+    @cached_property
+    def size(self) -> float:
+        return _extent(self.places)
+
+    def places_of(self, table: Trajectories) -> Places:
+        return places_of(table, self.on_floor, self.unit)
+
+
+@dataclass(frozen=True, eq=False)
+class Tables:
+    """Some rows of a truth, and tracks."""
+
+    truth: Trajectories
+    tracks: Reference
+
+    @cached_property
+    def places(self) -> Places:
+        """Of the truth."""
+        return self.tracks.places_of(self.truth)
+
+    @property
+    def share(self) -> float:
+        """Share of the truth's rows that are near a track."""
+        return share_near(self.places, self.tracks.places)
+
+
+def misfit(truth: Trajectories, tracks: Trajectories, on_floor: bool) -> Finding | None:
+    """The hypothesis under which truth and tracks fit; None where they fit as they are, or where none explains it. Rows
+    without what is compared are left out."""
+    truth = with_places(truth, on_floor)
+    tracks = with_places(tracks, on_floor)
+    if min(len(truth), len(tracks)) < FEWEST_ROWS:
+        return None
+    # Of every id alike: rows are sorted by frame, so that every n-th of them are all people's.
+    thin = truth.where(np.arange(len(truth)) % max(1, len(truth) // VOTERS) == 0)
+    tables = Tables(thin, Reference(tracks, on_floor))
+    now = tables.share
+    if now >= GOOD:
+        return None
+
+    def score(changed: Tables) -> Score:
+        share = changed.share
+        return Score(math.log(max(share, 0.01)), f"{share:.0%} of its rows are near a track, in place of {now:.0%}")
+
+    tried = hypotheses(tables, truth)
+    return best(tables, tried, score, margin=GAIN, alike=ALIKE, least=math.log(LEAST), ceiling=0.0)
+
+
+def fit(truth: Trajectories, tracks: Trajectories, on_floor: bool) -> float:
+    """The share of the truth's rows that are near a track, 0 to 1; 0 where nothing can be compared."""
+    truth = with_places(truth, on_floor)
+    tracks = with_places(tracks, on_floor)
+    if not (len(truth) and len(tracks)):
+        return 0.0
+    return Tables(truth, Reference(tracks, on_floor)).share
+
+
+def shift_between(truth: Trajectories, tracks: Trajectories, on_floor: bool) -> int:
+    """Frames by which the tracks have to be moved to lie near the truth, by the votes of pairs of rows at one place; 0
+    where there are none."""
+    truth = with_places(truth, on_floor)
+    tracks = with_places(tracks, on_floor)
+    if not (len(truth) and len(tracks)):
+        return 0
+    tables = Tables(truth, Reference(tracks, on_floor))
+    return -voted_shift(tables.places.thinned(VOTERS), tables.tracks.voters)
+
+
+Undo = Callable[[Trajectories], Trajectories]
+
+
+def _about_truth(clause: str, remedy: str, undo: Undo) -> Hypothesis[Tables]:
+    def undone(tables: Tables) -> Tables:
+        return replace(tables, truth=undo(tables.truth))
+
+    return Hypothesis(f"the truth{clause}", remedy, undone, PER_CHANGE)
+
+
+def _about_tracks(clause: str, remedy: str, undo: Undo) -> Hypothesis[Tables]:
+    def undone(tables: Tables) -> Tables:
+        return replace(tables, tracks=replace(tables.tracks, table=undo(tables.tracks.table)))
+
+    return Hypothesis(f"the tracks{clause}", remedy, undone, PER_CHANGE)
+
+
+def _laid(turn: complex, is_mirrored: bool = False, shift: complex = 0.0) -> Undo:
+    """Lays places, as complex numbers: mirrors y, then turns and scales, then shifts."""
+
+    def undo(table: Trajectories) -> Trajectories:
+        places = np.column_stack([table.x_m, table.y_m]) @ AS_COMPLEX
+        if is_mirrored:
+            places = places.conj()
+        places = turn * places + shift
+        return replace(table, x_m=places.real, y_m=places.imag)
+
+    return undo
+
+
+def _turned(degrees: int) -> Hypothesis[Tables]:
+    """A truth that is turned counterclockwise, and is turned back."""
+    back = cmath.exp(-1j * math.radians(degrees))
+    return _about_truth(f" is turned by {degrees} degrees", "turn it back", _laid(back))
+
+
+def _of_boxes(of: Callable[[F64, F64], tuple[F64, F64]]) -> Undo:
+    """Makes left, top and size of the first and the last two numbers of a box [px], (N, 2) each."""
+
+    def undo(table: Trajectories) -> Trajectories:
+        first, size = of(table.box_px[:, :2], table.box_px[:, 2:])
+        return replace(table, box_px=np.column_stack([first, size]))
+
+    return undo
+
+
+def _around_heads(first: F64, size: F64) -> tuple[F64, F64]:
+    """Whole people below boxes of heads: seven heads tall, and two fifths of that wide."""
+    height = 7.0 * size[:, 1]
+    width = 0.4 * height
+    left = first[:, 0] + size[:, 0] / 2 - width / 2
+    return np.column_stack([left, first[:, 1]]), np.column_stack([width, height])
+
+
+def _numbers_times(n: int) -> Undo:
+    return lambda table: replace(table, frame=n * table.frame)
+
+
+def _numbers_over(n: int) -> Undo:
+    def undo(table: Trajectories) -> Trajectories:
+        table = table.where(table.frame % n == 0)
+        return replace(table, frame=table.frame // n)
+
+    return undo
+
+
+AXES = (
+    _about_truth("'s x axis is mirrored", "mirror it back", _laid(-1.0, is_mirrored=True)),
+    _about_truth("'s y axis is mirrored", "mirror it back", _laid(1.0, is_mirrored=True)),
+    _about_truth("'s axes x and y are exchanged", "exchange them", _laid(1.0j, is_mirrored=True)),
+    _about_truth("'s axes are exchanged and mirrored", "exchange and mirror them", _laid(-1.0j, is_mirrored=True)),
+    *(_turned(degrees) for degrees in (180, 90, -90)),
+)
+UNITS = (
+    _about_truth("'s unit is feet", "give metres", _laid(FEET_M)),
+    _about_truth("'s unit is inches", "give metres", _laid(INCHES_M)),
+    _about_truth("'s unit is centimetres", "give metres", _laid(0.01)),
+    _about_truth("'s unit is millimetres", "give metres", _laid(0.001)),
+    _about_tracks("' unit is centimetres", "give metres", _laid(0.01)),
+)
+FORMS: dict[str, Undo] = {
+    "given by their middle": _of_boxes(lambda middle, size: (middle - size / 2, size)),
+    "given by the middle of their lower edge": _of_boxes(lambda foot, size: (foot - size * [0.5, 1.0], size)),
+    "given by two corners": _of_boxes(lambda first, last: (first, last - first)),
+    "of heads only": _of_boxes(_around_heads),
+}
+BOXES = (
+    *(_about_truth(f"'s boxes are {form}", "give left, top and size of people", u) for form, u in FORMS.items()),
+    *(_about_tracks(f"' boxes are {form}", "give left, top and size of people", u) for form, u in FORMS.items()),
+)
+NUMBERS = (
+    *(
+        _about_truth(
+            f" has a number for every {ordinal(n)} frame of the tracks only",
+            f"multiply its frames by {n}",
+            _numbers_times(n),
+        )
+        for n in (2, 3, 4, 5, 6, 10)
+    ),
+    *(
+        _about_truth(f" has {n} numbers for each frame of the tracks", f"divide its frames by {n}", _numbers_over(n))
+        for n in (2, 3)
+    ),
+    _about_truth(
+        "'s columns of frames and ids are exchanged",
+        "exchange them",
+        lambda table: replace(table, frame=table.track_id, track_id=table.frame),
+    ),
+)
+
+
+def _together(families: Sequence[Sequence[Hypothesis[Tables]]]) -> list[Hypothesis[Tables]]:
+    """Every combination of one to CHANGES_MAX changes, of as many families; fewer ones first."""
+    combinations = []
+    for chosen in product(*((None, *family) for family in families)):
+        changes = [change for change in chosen if change is not None]
+        if 0 < len(changes) <= CHANGES_MAX:
+            combinations.append(changes)
+    combinations.sort(key=len)
+    return [reduce(Hypothesis.and_then, changes) for changes in combinations]
+
+
+ON_FLOOR = _together((NUMBERS, AXES, UNITS))
+IN_IMAGE = _together((NUMBERS, BOXES))
+
+
+def hypotheses(tables: Tables, truth: Trajectories) -> Iterator[Hypothesis[Tables]]:
+    """What may be wrong with tables, and with the whole truth that they have rows of; fewer changes first."""
+    yield from _moves(tables)
+    for change in ON_FLOOR if tables.tracks.on_floor else IN_IMAGE:
+        changed = change.undo(tables)
+        if _are_of_one_unit(changed):
+            yield change
+            for move in _moves(changed):
+                yield change.and_then(move)
+    if tables.tracks.on_floor:
+        yield from _fits(truth, tables.tracks.table)
+
+
+def _extent(places: Places) -> float:
+    return float(np.ptp(places.at, axis=0).max()) if len(places) else 0.0
+
+
+def _are_of_one_unit(tables: Tables) -> bool:
+    size = tables.tracks.size
+    return size / 10 < _extent(tables.places) < 10 * size
+
+
+def _moves(tables: Tables) -> Iterator[Hypothesis[Tables]]:
+    """A shift in time, an offset, and both, as pairs of rows vote for them."""
+    rows = tables.places
+    tracks = tables.tracks
+    still = np.zeros(rows.at.shape[1])
+    frames = voted_shift(rows, tracks.voters)
+    offset = voted_offset(rows, tracks.voters)
+    yield _later(frames)
+    yield _away(offset, tracks)
+    # Where people are does not show the shift, but how they move does.
+    frames = voted_shift(movements(tables.truth, rows), tracks.moving)
+    offset = voted_offset(rows.moved(frames, still), tracks.voters)
+    frames = voted_shift(rows.moved(0, offset), tracks.voters)
+    yield _later(frames).and_then(_away(offset, tracks))
+
+
+def _later(frames: int) -> Hypothesis[Tables]:
+    """A truth whose numbers are lower or higher than the tracks' by some frames."""
+    how = "lower" if frames > 0 else "higher"
+    sign = "add" if frames > 0 else "subtract"
+    return _about_truth(
+        f"'s frames are numbered {abs(frames)} {how} than those of the tracks",
+        f"{sign} {abs(frames)}",
+        lambda table: replace(table, frame=table.frame + frames),
+    )
+
+
+def _away(offset: F64, tracks: Reference) -> Hypothesis[Tables]:
+    """A truth that lies beside the tracks, which are two changes: across and along."""
+    if tracks.on_floor:
+        x_m, y_m = (0.0 - CLOSE_M * offset).tolist()
+        beside = f" is {x_m:+.2f}, {y_m:+.2f} m from the tracks"
+        moved = _about_truth(beside, "align them", _laid(1.0, shift=-complex(x_m, y_m)))
+        return replace(moved, odds=PER_CHANGE**2)
+    offset_px = tracks.unit * offset.reshape(2, 2).mean(axis=0)
+    x_px, y_px = (0.0 - offset_px).tolist()
+    beside = f"'s boxes are {x_px:+.0f}, {y_px:+.0f} px from those of the tracks"
+    moved = _about_truth(beside, "move them", _of_boxes(lambda first, size: (first + offset_px, size)))
+    return replace(moved, odds=PER_CHANGE**2)
+
+
+def _fits(truth: Trajectories, tracks: Trajectories) -> Iterator[Hypothesis[Tables]]:
+    """The truth turned, scaled and mirrored so that one of its people lies on a track."""
+    true_places = np.column_stack([truth.x_m, truth.y_m]) @ AS_COMPLEX
+    track_places = np.column_stack([tracks.x_m, tracks.y_m]) @ AS_COMPLEX
+    for (true_rows, track_rows), is_mirrored in product(paths_to_lay(truth, tracks), (False, True)):
+        source = true_places[true_rows]
+        if is_mirrored:
+            source = source.conj()
+        target = track_places[track_rows]
+        turn = complex(fit_turn(source, target))
+        shift = complex(target.mean() - turn * source.mean())
+        degrees = -math.degrees(cmath.phase(turn))
+        scale = 1.0 / abs(turn)
+        clauses = []
+        if is_mirrored:
+            clauses.append("is mirrored")
+        if abs(degrees) >= TURNED_DEG:
+            clauses.append(f"is turned by {degrees:.0f} degrees")
+        if abs(scale - 1.0) > SCALED:
+            clauses.append(f"has places {scale:.3g} times as far apart")
+        if clauses:  # no more than an offset, which was voted for
+            is_rigid = clauses == [f"is turned by {degrees:.0f} degrees"]
+            remedy = "align them" if is_rigid else "convert it"
+            laid = _about_truth(f" {' and '.join(clauses)}", remedy, _laid(turn, is_mirrored, shift))
+            # A turn, a scale and an offset across and along are four changes.
+            yield replace(laid, odds=PER_CHANGE**4)

@@ -1,0 +1,136 @@
+"""Places of the rows of tables, in units of what counts as near, and how many rows of one table are near another's."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from calib.types import F64, I64
+from planview.trajectories.table import Trajectories, rows_by_id
+
+CLOSE_M = 0.4
+"""Rows that are nearer than this are near on the floor [m]: a torso's width."""
+CLOSE_BOX = 0.3
+"""The same in the image, in heights of the median box."""
+FRAME_APART = 10.0
+"""Rows of different frames are so far from each other."""
+MOVED_FRAMES = 20
+"""Frames over which rows that move alike do so."""
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Frames (N,) and places (N, D), in units of what is near: (x, y) on the floor, or all four edges of boxes."""
+
+    frame: F64
+    at: F64
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    @property
+    def in_space(self) -> F64:
+        """(N, D + 1) points at which rows of different frames are far from each other."""
+        return np.column_stack([self.at, FRAME_APART * self.frame])
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        return cKDTree(self.in_space)
+
+    def thinned(self, most: int) -> Places:
+        """Rows spread over the whole."""
+        if len(self) <= most:
+            return self
+        spread = np.linspace(0, len(self) - 1, most).astype(int)
+        return Places(self.frame[spread], self.at[spread])
+
+    def moved(self, frames: float, offset: F64) -> Places:
+        return Places(self.frame + frames, self.at + offset)
+
+
+def near_unit(tracks: Trajectories, on_floor: bool) -> float:
+    """What counts as near: metres on the floor, pixels of all edges of a box together."""
+    if on_floor:
+        return CLOSE_M
+    height_px = float(np.median(tracks.box_px[:, 3]))
+    return math.sqrt(2.0) * CLOSE_BOX * height_px
+
+
+def places_of(table: Trajectories, on_floor: bool, unit: float) -> Places:
+    frame = table.frame.astype(np.float64)
+    if on_floor:
+        return Places(frame, np.column_stack([table.x_m, table.y_m]) / unit)
+    first = table.box_px[:, :2]
+    last = first + table.box_px[:, 2:]
+    return Places(frame, np.column_stack([first, last]) / unit)
+
+
+def with_places(table: Trajectories, on_floor: bool) -> Trajectories:
+    """The rows that have a place: a position on the floor, or a box."""
+    needed = np.column_stack([table.x_m, table.y_m]) if on_floor else table.box_px
+    return table.where(np.asarray(np.isfinite(needed).all(axis=1)))
+
+
+def nearest_rows(rows: Places, others: Places) -> I64:
+    """(N,) index of the nearest other row of the same frame; -1 where none is near."""
+    if not len(others):
+        return np.full(len(rows), -1)
+    _, nearest = others.tree.query(rows.in_space, distance_upper_bound=1.0)
+    return np.where(nearest < len(others), nearest, -1)
+
+
+def share_near(rows: Places, others: Places) -> float:
+    """Share of rows with another one near, each of which serves one; of the rows in frames that the others cover,
+    unless these are few."""
+    if not (len(rows) and len(others)):
+        return 0.0
+    nearest = nearest_rows(rows, others)
+    served = len(np.unique(nearest[nearest >= 0]))
+    covered = (rows.frame >= others.frame.min()) & (rows.frame <= others.frame.max())
+    return served / max(1, int(np.count_nonzero(covered)), len(rows) // 3)
+
+
+def movements(table: Trajectories, places: Places) -> Places:
+    """Where people are MOVED_FRAMES later as seen from where they are; only of those who are seen so long."""
+    moved = np.full(places.at.shape, np.nan)
+    for _, rows in rows_by_id(table.track_id):
+        frame = places.frame[rows]
+        for axis, place in enumerate(places.at[rows].T):
+            later = np.interp(frame + MOVED_FRAMES, frame, place, right=np.nan)
+            moved[rows, axis] = later - place
+    seen = np.isfinite(moved).all(axis=1)
+    return Places(places.frame[seen], moved[seen])
+
+
+def voted_shift(rows: Places, others: Places) -> int:
+    """Frames by which the others are later, by the votes of pairs of rows at about one place; 0 without any."""
+    pairs = cKDTree(rows.at).sparse_distance_matrix(cKDTree(others.at), 0.5, output_type="coo_matrix")
+    later = np.round(others.frame[pairs.col] - rows.frame[pairs.row]).astype(np.int64)
+    if len(later) == 0:
+        return 0
+    votes = np.bincount(later - later.min(), (1.0 - 2.0 * pairs.data) ** 2)
+    # Pairs of longer shifts are fewer, since both tables end.
+    smooth = np.convolve(votes, (0.25, 0.5, 1.0, 0.5, 0.25), "same")
+    return int(smooth.argmax() + later.min())
+
+
+def voted_offset(rows: Places, others: Places) -> F64:
+    """(D,) from the rows to the others, by the votes of pairs of rows of one frame [units of what is near]."""
+    order = np.argsort(others.frame, kind="stable")
+    frames = others.frame[order]
+    low = np.searchsorted(frames, rows.frame - 0.5)
+    counts = np.searchsorted(frames, rows.frame + 0.5) - low
+    if counts.sum() < 20:
+        return np.zeros(rows.at.shape[1])
+    row = np.repeat(np.arange(len(counts)), counts)
+    since = np.arange(len(row)) - np.repeat(np.cumsum(counts) - counts, counts)
+    column = order[since + np.repeat(low, counts)]
+    apart = others.at[column] - rows.at[row]
+    voters = cKDTree(apart)
+    votes = voters.query_ball_point(apart, 0.5, return_length=True)
+    most = apart[int(np.argmax(votes))]
+    return np.asarray(np.median(apart[voters.query_ball_point(most, 0.5)], axis=0))

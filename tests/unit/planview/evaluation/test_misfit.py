@@ -1,0 +1,137 @@
+"""Which change of a truth is named as what would make it fit the tracks."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.types import F64
+from planview.evaluation.evaluate import evaluate_tracks
+from planview.evaluation.misfit import misfit, shift_between
+from planview.trajectories.table import Trajectories, table_of
+
+FRAMES = 200
+
+
+def two_walkers() -> Trajectories:
+    """One walks along x and turns round, the other along y with stops; 15 frames a second, boxes larger near by."""
+    frame = np.arange(FRAMES)
+    x = np.concatenate([np.interp(frame, [0, 130, 199], [-3.0, 3.0, 0.5]), np.full(FRAMES, 1.5)])
+    y = np.concatenate([4.0 + np.sin(frame / 25), np.interp(frame, [0, 60, 90, 199], [1.0, 3.0, 3.0, 7.0])])
+    boxes = {"left_px": 300 + 60 * x, "top_px": 400 - 40 * y, "width_px": 80 - 6 * y, "height_px": 200 - 20 * y}
+    return table_of(
+        {
+            "frame": np.tile(frame, 2),
+            "id": np.repeat([1, 2], FRAMES),
+            "x_m": x,
+            "y_m": y,
+            "height_m": 1.7 + 0 * x,
+            **boxes,
+        },
+        "walkers",
+    )
+
+
+TRUTH = two_walkers()
+
+
+def laid(table: Trajectories, turn: complex) -> Trajectories:
+    """Places as complex numbers times another one."""
+    places = turn * (table.x_m + 1j * table.y_m)
+    return replace(table, x_m=places.real, y_m=places.imag)
+
+
+def named_by(truth: Trajectories, tracks: Trajectories, on_floor: bool = True) -> str:
+    cause = misfit(truth, tracks, on_floor)
+    return cause.names if cause else ""
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (lambda t: replace(t, x_m=-t.x_m), "the truth's x axis is mirrored"),
+        (lambda t: replace(t, x_m=t.y_m, y_m=t.x_m), "the truth's axes x and y are exchanged"),
+        (lambda t: replace(t, x_m=t.x_m / 0.3048, y_m=t.y_m / 0.3048), "the truth's unit is feet"),
+        (lambda t: replace(t, x_m=t.x_m + 1.0), "the truth is +1.00, +0.00 m from the tracks"),
+        (lambda t: replace(t, frame=t.frame - 60), "the truth's frames are numbered 60 lower"),
+        (lambda t: replace(u := t.where(t.frame % 3 == 0), frame=u.frame // 3), "has a number for every 3rd frame"),
+        (lambda t: replace(u := t.where(t.frame % 5 == 2), frame=u.frame // 5), "has a number for every 5th frame"),
+        (lambda t: replace(t, frame=t.track_id, track_id=t.frame), "columns of frames and ids are exchanged"),
+        (
+            lambda t: replace(t, x_m=-t.x_m, frame=t.frame + 40),
+            "is mirrored and the truth's frames are numbered 40 hi",
+        ),
+        (
+            lambda t: replace(t, frame=t.frame + 30, y_m=t.y_m - 3),
+            "30 higher than those of the tracks and the truth is +0.00, -3.00 m from",
+        ),
+        (lambda t: laid(t, np.exp(0.5j)), "the truth is turned by 29 degrees"),
+        (lambda t: laid(t, -1.2), "180 degrees and has places 1.2 times as far apart"),
+        (lambda t: replace(t, frame=2 * t.frame), "the truth has 2 numbers for each frame"),
+    ],
+)
+def test_a_change_of_the_truth_is_named(change: Callable[[Trajectories], Trajectories], named: str) -> None:
+    assert named in named_by(change(TRUTH), TRUTH)
+
+
+@pytest.mark.parametrize("degrees", [90, -90, 40, -40, 100])
+def test_a_turn_is_named_with_its_own_sign(degrees: int) -> None:
+    assert named_by(laid(TRUTH, np.exp(1j * np.radians(degrees))), TRUTH) == f"the truth is turned by {degrees} degrees"
+
+
+def with_boxes(first: Callable[[F64, F64], F64], size: Callable[[F64, F64], F64]) -> Trajectories:
+    """The walkers with other first and last two numbers of their boxes, made of their left, top and size."""
+    corner = TRUTH.box_px[:, :2]
+    extent = TRUTH.box_px[:, 2:]
+    return replace(TRUTH, box_px=np.column_stack([first(corner, extent), size(corner, extent)]))
+
+
+@pytest.mark.parametrize(
+    ("changed", "form"),
+    [
+        (with_boxes(lambda a, s: a + s / 2, lambda a, s: s), "given by their middle"),
+        (with_boxes(lambda a, s: a + s * [0.5, 1.0], lambda a, s: s), "given by the middle of their lower edge"),
+        (with_boxes(lambda a, s: a, lambda a, s: a + s), "given by two corners"),
+        (with_boxes(lambda a, s: a + s * [0.35, 0.0], lambda a, s: s * [0.3, 0.13]), "of heads only"),
+    ],
+    ids=["middle", "foot", "corners", "heads"],
+)
+def test_a_form_of_boxes_is_named_in_either_table(changed: Trajectories, form: str) -> None:
+    assert named_by(changed, TRUTH, on_floor=False) == f"the truth's boxes are {form}"
+    assert named_by(TRUTH, changed, on_floor=False) == f"the tracks' boxes are {form}"
+
+
+def test_nothing_is_named_where_the_score_is_good_or_the_truth_is_of_other_people() -> None:
+    order = np.random.default_rng(0).permutation(len(TRUTH))
+    others = replace(TRUTH, x_m=TRUTH.x_m[order], y_m=TRUTH.y_m[order[::-1]])
+    assert misfit(TRUTH, TRUTH, on_floor=True) is misfit(others, TRUTH, on_floor=True) is None
+
+
+def test_a_shift_is_found_however_long() -> None:
+    assert shift_between(TRUTH, replace(TRUTH, frame=TRUTH.frame + 120), on_floor=True) == -120
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda t: replace(t, x_m=-t.x_m), "x axis is mirrored"),
+        (lambda t: replace(t, frame=2 * t.frame), "has 2 numbers for each frame"),
+        (
+            lambda t: replace(t, visible=np.where(t.frame < 150, 0.0, 0.9)),
+            "300 of 400 rows are too hidden",
+        ),
+        (lambda t: replace(t, height_m=t.height_m / 2), "0.5 times those of the tracks"),
+    ],
+)
+def test_an_evaluation_says_what_would_explain_it(change: Callable[[Trajectories], Trajectories], said: str) -> None:
+    assert said in evaluate_tracks(TRUTH, change(TRUTH), frames=(0, FRAMES - 1)).uncovered
+
+
+def test_no_shift_is_named_of_a_truth_that_a_shift_does_not_explain() -> None:
+    assert evaluate_tracks(TRUTH, laid(TRUTH, np.exp(0.5j))).shift == 0
+
+
+def test_an_evaluation_says_that_all_rows_are_hidden() -> None:
+    scores = evaluate_tracks(TRUTH, replace(TRUTH, visible=np.zeros(len(TRUTH))))
+    assert f"all {len(TRUTH)} rows hidden" in scores.headline
