@@ -77,7 +77,7 @@ def run_pass(job: Pass) -> Path:
     shutil.rmtree(job.folder, ignore_errors=True)
     with whole_folder(job.folder) as part:
         engine = bench_engine(job.recording, job.tracker, job.config)
-        run(engine, part, RunOptions(tracker=job.tracker))
+        run(engine, part, RunOptions())
     return job.folder
 
 

@@ -26,7 +26,10 @@ LEVEL_MIN = 0.05
 
 
 class Matcher(Protocol):
-    """Finds how far each left pixel moved."""
+    """Finds how far each left pixel moved.
+
+    With an attribute ``identity``, a text that changes whenever the disparities would, a run resumes with it.
+    """
 
     def __call__(self, left_grey: U8, right_grey: U8) -> F32:
         """(H, W) float32 disparity of the left pixels [px] of a rectified pair (H, W) uint8; NaN where unknown."""

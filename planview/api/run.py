@@ -162,7 +162,7 @@ def run(
         if given := [name for name, value in named.items() if value is not None]:
             raise InputError(f"an engine has its own {' and '.join(given)}: give them to open_engine")
         _refuse_results(what, None)
-        return _tracked(recording, _name_of(recording.tracker), what, console)
+        return _tracked(recording, what, console)
     path = Path(recording)
     parameters = settings(config, set, base_config(path))
     _refuse_results(what, path)
@@ -176,17 +176,13 @@ def run(
     with compile_notice(console):
         with console.status("opening the recording, aligning rows, finding the floor"):
             engine = open_engine(path, tracker, parameters, single, options, matcher, detections)
-        return _tracked(engine, "detections" if detections is not None else _name_of(tracker), what, console)
+        return _tracked(engine, what, console)
 
 
 def is_of_one_camera(calibration: Path, tracker: AnyTracker, detections: bool = False) -> bool:
     """Whether a calibration is of one camera rather than of a pair."""
     images = tracker in get_args(ImageTrackerName) if isinstance(tracker, str) else tracker.needs == "image"
     return images or detections or calibration.name == "camera.toml" or holds_one_camera(calibration)
-
-
-def _name_of(tracker: AnyTracker) -> str:
-    return tracker if isinstance(tracker, str) else type(tracker).__name__
 
 
 def _refuse_results(what: _Written, recording: Path | None) -> None:
@@ -215,7 +211,7 @@ def _end(out: Path, refine: bool, console: Console) -> None:
             write_report(out)
 
 
-def _tracked(engine: Engine, name: str, what: _Written, console: Console) -> Trajectories:
+def _tracked(engine: Engine, what: _Written, console: Console) -> Trajectories:
     announced = engine.recording.n_frames
     first, last = (0, None) if what.frames is None else frame_span(what.frames)
     if announced and first >= announced:
@@ -230,9 +226,9 @@ def _tracked(engine: Engine, name: str, what: _Written, console: Console) -> Tra
         refuse_unrecorded(engine)
     plane = RulePlane(engine.camera, engine.size, has_floor=engine.camera is not None)
     analytics = Analytics(load_rules(what.rules, plane)) if what.rules else None
-    every_s = 0.0 if name == "detections" else what.checkpoint_every_s
+    every_s = 0.0 if engine.tracker_name == "detections" else what.checkpoint_every_s
     with folder_lock(what.out):
-        how = RunOptions(name, analytics, first, last, every_s, what.strict)
+        how = RunOptions(analytics, first, last, every_s, what.strict)
         _write(engine, what.out, what, how, console, progress)
         if what.refine:
             refine_held_run(what.out)
@@ -351,8 +347,6 @@ def replay(
     """
     folder = Path(folder)
     results = RunFolder(folder)
-    if results.info.tracker == "detections":
-        raise InputError(f"{folder}: expected a run without detections, whose file a run does not keep; run it again")
     first = results.info.first_frame
     in_range("frame", frame, first, results.n_frames - 1)
     config = settings(None, set, results.config)

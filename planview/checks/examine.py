@@ -13,6 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from calib.carried import Carried
 from calib.errors import InputError, WorkError
 from calib.formats import load_rig
 from calib.formats.one_camera import holds_one_camera, load_one_camera
@@ -266,8 +267,10 @@ MEASUREMENTS_MAX = 1000
 """Measurements that the height of people depends on."""
 
 
-class RecordingWatch:
+class RecordingWatch(Carried):
     """Watches a run: do both cameras show the same, at the same time, at a plausible scale?"""
+
+    CARRIED = "_motion", "_speed", "_frames", "_valid", "_things", "_levels"
 
     def __init__(self, rig: FloorRig) -> None:
         self._rig = rig

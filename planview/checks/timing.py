@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
+from calib.carried import Carried
 from calib.images import as_grey
 from calib.times import rate_of_times
 from calib.types import F32, F64, U8
@@ -103,8 +104,10 @@ class Lag(NamedTuple):
         return Check(name, not apart, abs(self.frames), "frames", MAX_LAG, "at most", note, std=self.std)
 
 
-class MotionWatch:
+class MotionWatch(Carried):
     """Follows the movement in both images of a pair, or in an image and its depth."""
+
+    RECORDS = (Thumbnails,)
 
     def __init__(self) -> None:
         self._sides = "left camera", "right camera"
@@ -281,7 +284,7 @@ def still_checks(seen: PairFrames | DepthFrames, frames: Sequence[Frame[Shot]]) 
     return watch.checks()
 
 
-class SpeedWatch:
+class SpeedWatch(Carried):
     """How fast people walk by the times of the frames, which shows a wrong rate or unit of length."""
 
     FRAMES = 5

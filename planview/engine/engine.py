@@ -125,6 +125,9 @@ class Engine:
         rigs: by name, the heads that measure depth, the first over the grid of the maps; empty for one camera.
         stereo: the first of these; None for one camera.
         ahead: frames that iteration measures ahead in a thread of their own; 0 for one thread.
+        tracker_name: for run.json; "joint" and the like, else the class of the tracker.
+        own_parts: by what they are ("matcher", "tracker"), the parts that the user made: no configuration describes
+            them.
     """
 
     def __init__(
@@ -134,9 +137,20 @@ class Engine:
         heads: Sequence[Head],
         tracker: Tracker,
         camera_source: str = "given",
+        tracker_name: str = "",
+        own_parts: Mapping[str, object] | None = None,
     ) -> None:
-        """Join the maps of the heads; ``camera_source`` says where the calibration of a single camera is from. Raises
-        InputError: the floor that they cover together is larger than a grid may be."""
+        """Join the maps of the heads.
+
+        Args:
+            camera_source: where the calibration of a single camera is from.
+            own_parts: heads and tracker where None, as of an engine that is composed by hand.
+        Raises:
+            InputError: the floor that the heads cover together is larger than a grid may be.
+        """
+        self.tracker_name = tracker_name or type(tracker).__name__
+        by_hand = {f"head {head.name}".strip(): head for head in heads} | {"tracker": tracker}
+        self.own_parts = by_hand if own_parts is None else own_parts
         self.recording, self.config, self.heads, self.tracker = recording, config, tuple(heads), tracker
         self.camera, self.size = heads[0].camera, heads[0].size
         self.ahead, self._last_s = min(head.ahead for head in heads), -math.inf

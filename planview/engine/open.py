@@ -111,6 +111,8 @@ def engine_of(
     """
     config = config or _default_config(recording)
     first = recording.parts[0].head
+    name: str = tracker if isinstance(tracker, str) else ""
+    own_parts: dict[str, object] = {} if name else {"tracker": tracker}
     if matcher is not None and not all(isinstance(part.head, Pair) for part in recording.parts):
         raise InputError(f"{recording.path}: a matcher of your own needs a recording of stereo pairs alone")
     if setup is not None and len(recording.parts) > 1:
@@ -119,12 +121,14 @@ def engine_of(
         ground_camera = load_one_camera(camera, first.size) if isinstance(camera, Path) else camera
         if detections is not None:
             follower: ImageTracker = _box_tracker(recording.n_frames, first, detections, config, ground_camera)
+            name = "detections"
+            own_parts = {"detections": detections}
         else:
             follower = _image_tracker(_that_fits(tracker, "image", recording), config, ground_camera)
         refuse_untimed(recording)
         head = CameraHead(config.single_camera, first.size, follower, ground_camera)
         source = camera.name if isinstance(camera, Path) else "given"
-        engine = Engine(recording, config, [head], follower, source)
+        engine = Engine(recording, config, [head], follower, source, name, own_parts)
         if study:
             engine.study(max(1, round(recording.fps / OVERVIEW_HZ)))
         return engine
@@ -133,7 +137,10 @@ def engine_of(
         raise InputError(problem, argument="detections")
     floor_tracker = _floor_tracker(_that_fits(tracker, "maps", recording), config)
     heads = [_head_above_floor(part, config, matcher, setup) for part in recording.parts]
-    return Engine(recording, config, heads, floor_tracker)
+    matcher = setup.matcher if setup is not None else matcher
+    if matcher is not None:
+        own_parts["matcher"] = matcher
+    return Engine(recording, config, heads, floor_tracker, tracker_name=name, own_parts=own_parts)
 
 
 def _head_above_floor(part: Any, config: Config, matcher: Matcher | None, setup: Setup | None) -> Head:

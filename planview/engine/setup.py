@@ -46,11 +46,13 @@ class Setup(FloorRig):
         measure: gives the depth of a shot, by the calibration as the recording corrects it.
         viewpoints: where its cameras looked in these frames.
         checks: what these frames show of the calibration.
+        matcher: of the user's own; None for SGBM.
     """
 
     measure: Measure
     viewpoints: Viewpoints
     checks: tuple[Check, ...]
+    matcher: Matcher | None = None
 
 
 def set_up(
@@ -87,7 +89,7 @@ def set_up(
     return Setup(
         geometry, floor, source, seen.rectifier.rig.source, seen.correction.after_px, searched, grid, step,
         correction=str(seen.correction), checks=tuple(checks), viewpoints=seen.viewpoints,
-        measure=PairMeasure(seen.rectifier, config.sgbm, searched, step, matcher),
+        measure=PairMeasure(seen.rectifier, config.sgbm, searched, step, matcher), matcher=matcher,
     )  # fmt: skip
 
 

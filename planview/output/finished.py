@@ -20,11 +20,10 @@ from planview.offline.refine import Refined, changes_csv, refine
 from planview.output.folder import RunInfo, finished_run, folder_lock, read_model, write_result, write_run_info, writing
 from planview.output.report.page import write_report
 from planview.output.report.snapshots import read_decision_log
-from planview.output.run_folder import RunFolder
+from planview.output.run_folder import TRACKS_BEFORE, TRACKS_ONLINE, RunFolder
 from planview.trajectories.table import Trajectories, doubt, people_of, read_tracks, write_table
 
 EDITS = "edits.json"
-TRACKS_BEFORE = "tracks_before.csv"
 
 
 class EditStep(BaseModel):
@@ -88,7 +87,7 @@ def _changed(before: RunFolder) -> EditedRun:
 
 
 def _without_refinement(folder: Path) -> None:
-    tracks, online = folder / "tracks.csv", folder / "tracks_online.csv"
+    tracks, online = folder / "tracks.csv", folder / TRACKS_ONLINE
     if not online.is_file():
         raise InputError(f"{online}: the tracks before the refinement are missing")
     write_result(tracks, online.read_text(encoding="utf-8"))
@@ -105,8 +104,8 @@ def scores_of_refinement(folder: Path) -> str:
     refined = RunFolder(folder)
     if refined.truth_file is None:
         return ""
-    online = RunFolder(folder, other_tracks=read_tracks(folder / "tracks_online.csv"))
-    before, after = (run.evaluated() for run in (online, refined))
+    before = refined.as_tracked.evaluated()
+    after = refined.evaluated()
     odds = [(after.mota or 0) - (before.mota or 0), (after.idf1 or 0) - (before.idf1 or 0)]
     verdict = "worse" if min(odds) < -5e-4 else "better" if max(odds) > 5e-4 else "equal"
     return f"{verdict} against the truth\nbefore: {before.headline}\nafter:  {after.headline}"
@@ -179,7 +178,7 @@ def refine_held_run(folder: Path) -> tuple[Refined, RunInfo]:
     run = _readable_run(folder)
     if read_steps(folder):
         raise InputError(f"{folder}: its tracks were edited; undo the edits first")
-    tracks, online = folder / "tracks.csv", folder / "tracks_online.csv"
+    tracks, online = folder / "tracks.csv", folder / TRACKS_ONLINE
     if run.info.refined and not online.is_file():
         raise InputError(f"{online}: expected the online tracks of a refined run, found no file")
     source = online if run.info.refined else tracks

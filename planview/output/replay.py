@@ -31,10 +31,8 @@ TITLE_PX = 30
 
 def difference_text(results: RunFolder, replayed: ReplayedRun, frame: int) -> list[str]:
     """Lines: when tracks begin to differ, people at the frame in both, and decisions that only one of them made."""
-    before, after = (
-        run.tracks.where((run.tracks.frame <= frame) & (run.tracks.state != "tentative"))
-        for run in (results, replayed.results)
-    )
+    before = _people_until(frame, results.as_tracked.tracks)
+    after = _people_until(frame, replayed.results.tracks)
     differing = sorted({frame for frame, *_ in _rows(before) ^ _rows(after)})
     lines = [f"tracks differ from frame {differing[0]} on" if differing else "tracks are the same up to this frame"]
     lines += _people(before.where(before.frame == frame), after.where(after.frame == frame))
@@ -46,7 +44,8 @@ def difference_picture(
 ) -> U8:
     """(H, W, 3) uint8 BGR: the frame as it was tracked on top, as it is tracked now below."""
     image = next((image for _, image in frames.at([frame])), None) if frames is not None else None
-    shown = [SceneComposer(each, bounds=results.bounds())(frame, image) for each in (results, replayed.results)]
+    runs = results.as_tracked, replayed.results
+    shown = [SceneComposer(run, bounds=results.bounds())(frame, image) for run in runs]
     width = max(picture.shape[1] for picture in shown)
     rows = []
     for picture, text in zip(shown, ("as it was run", title), strict=True):
@@ -54,6 +53,10 @@ def difference_picture(
         cv2.putText(strip, text, (8, TITLE_PX - 10), cv2.FONT_HERSHEY_SIMPLEX, 0.55, (40, 40, 40), 1, cv2.LINE_AA)
         rows += [strip, np.pad(picture, ((0, 0), (0, width - picture.shape[1]), (0, 0)), constant_values=255)]
     return np.vstack(rows)
+
+
+def _people_until(frame: int, tracks: Trajectories) -> Trajectories:
+    return tracks.where((tracks.frame <= frame) & (tracks.state != "tentative"))
 
 
 def _rows(table: Trajectories) -> set[tuple[Any, ...]]:
@@ -117,6 +120,7 @@ def replay_run(
     recording. Raises InputError: no recording any more, or parameters that its maps exclude. WorkError: the recording
     ends before the frame."""
     path = _source(results, config)
+    _refuse_own_parts(results, path)
     options = None if is_maps(path) else results.options
     camera = results.camera if isinstance(results.camera, GroundCamera) else None
     engine = open_engine(path, cast(TrackerName, results.info.tracker), config, camera, options)
@@ -134,6 +138,17 @@ def replay_run(
     if reached < frame:
         raise WorkError(f"{path}: expected frame {frame}, found the end of the recording after frame {reached}")
     return ReplayedRun(replace(results, other_tracks=collector.trajectories()), decisions, path)
+
+
+def _refuse_own_parts(results: RunFolder, path: Path) -> None:
+    """Raise InputError for parts that the user made: a folder does not keep them. Its maps hold what its matcher and
+    its heads measured."""
+    names = results.info.own_parts
+    needed = names.keys() & {"tracker"} if is_maps(path) else names.keys()
+    if needed:
+        parts = " and ".join(f"{role} {names[role]}" for role in sorted(needed))
+        kept = "" if "tracker" in needed else "; a run that also writes maps.h5 can be replayed"
+        raise InputError(f"{results.path}: tracked with your own {parts}, which the folder does not keep{kept}")
 
 
 def _source(results: RunFolder, config: Config) -> Path:

@@ -11,7 +11,7 @@ import json
 import os
 import platform
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from fnmatch import translate
@@ -26,15 +26,58 @@ import planview
 from calib.errors import InputError
 from calib.io import PART, reason, whole_file
 from calib.types import AnyArray
+from planview.engine.engine import Engine
 from planview.output.folder import LOCK_NAME, PRODUCTS, HoldsResultsError, RunInfo, products_in, read_run_info, writing
 from planview.output.tables import is_as_marked
 from stereo.readers.images import SUFFIXES
 
 
-def difference(found: dict[str, Any], expected: dict[str, Any]) -> str:
+class UnidentifiedError(InputError):
+    """What decides the tracks of a run cannot be told from something else: the run cannot be resumed."""
+
+
+def part_name(part: object) -> str:
+    """A file, or the class of a part that the user made (of a function its name), with its ``identity`` if any."""
+    if isinstance(part, str | Path):
+        return os.fspath(part)
+    name = str(getattr(part, "__name__", type(part).__name__))
+    identity = getattr(part, "identity", "")
+    return f"{name} {identity}" if identity else name
+
+
+def refuse_unidentified(engine: Engine) -> None:
+    """Raise UnidentifiedError for parts that the user made without an ``identity``, and a recording without files."""
+    for role, part in engine.own_parts.items():
+        if not getattr(part, "identity", ""):
+            raise UnidentifiedError(
+                f"the {role} {part_name(part)} has no attribute 'identity', a text that changes whenever its results "
+                "would: a run cannot be resumed without it"
+            )
+    if not engine.recording.files:
+        raise UnidentifiedError(f"{engine.recording.path}: a recording without files cannot be resumed")
+
+
+def described(info: RunInfo) -> dict[str, dict[str, Any]]:
+    """The parts of a run's identity that run.json holds."""
+    values = info.model_dump(mode="json")
+    camera = values["rig"]
+    for one in [camera, *camera["heads"]] if camera else []:
+        del one["calibration"]  # a copy elsewhere is the same
+    if values["floor"]:
+        del values["floor"]["source"]
+    return {
+        "configuration": values["config"],
+        "part": values["own_parts"],
+        "recording": {"fps": info.fps, "size_px": values["size_px"], "camera": camera, "floor": values["floor"]},
+        "settings": {"tracker": info.tracker, "first_frame": info.first_frame},
+    }
+
+
+def difference(found: Mapping[str, Any], expected: Mapping[str, Any]) -> str:
     """The first part in which two identities differ, in words; empty when they are the same."""
-    for part in ("version", "configuration", "recording", "settings"):
-        a, b = found.get(part, {}), expected.get(part, {})
+    for part in ("version", "configuration", "part", "recording", "settings"):
+        a = found.get(part, {})
+        b = expected.get(part, {})
         names = [name for name in sorted({*a, *b}) if a.get(name) != b.get(name)]
         if names:
             return f"another {part} ({', '.join(names[:4])})"
@@ -213,7 +256,7 @@ def checkpoint_of(folder: Path, identity: dict[str, Any], warn: Callable[[str], 
             warn(f"{path}: the checkpoint is damaged ({error})")
         else:
             if other := difference(checkpoint.identity, identity):
-                raise HoldsResultsError(f"{path}: expected a checkpoint of this run, found one of {other}")
+                raise HoldsResultsError(f"{path}: cannot resume: the checkpoint is of {other}")
             tables = checkpoint.written["tables"].items()
             changed = [folder / name for name, mark in tables if not is_as_marked(folder / name, *mark)]
             if not changed:
@@ -222,8 +265,10 @@ def checkpoint_of(folder: Path, identity: dict[str, Any], warn: Callable[[str], 
     found = products_in(folder)
     if not all(path.name.endswith(PART) for path in found):  # replaced only where it is the beginning of this run
         info = read_run_info(folder / "run.json") if folder / "run.json" in found else RunInfo()
-        if info.config != identity["configuration"] or info.tracker != identity["settings"]["tracker"]:
-            raise HoldsResultsError(f"{folder}: expected the beginning of this run, found another run")
+        begun = described(info)
+        expected = {part: {name: identity[part].get(name) for name in begun[part]} for part in begun}
+        if other := difference(begun, expected | {"part": identity["part"]}):
+            raise HoldsResultsError(f"{folder}: cannot resume: it holds the beginning of a run with {other}")
     if found:
         warn(f"{folder}: no checkpoint to resume from; the run starts again")
     return None

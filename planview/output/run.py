@@ -84,8 +84,6 @@ def noted_interrupts() -> Iterator[threading.Event]:
 class RunOptions:
     """What a run writes besides tracks."""
 
-    tracker: str = "joint"
-    """Name for run.json."""
     analytics: Analytics | None = None
     """Counts while running; None for no rules."""
     first_frame: int = 0
@@ -200,19 +198,25 @@ class RunTotals(Carried):
         return "everything that moved was too short-lived or too small for a person (decisions.csv has the reasons)"
 
 
-class RunChecks:
+class RunChecks(Carried):
     """Watches a run; ``strict``: raise InputError when a check fails, before the first frame and while tracking."""
+
+    CARRIED = "_watch", "_frames"
 
     def __init__(self, engine: Engine, strict: bool) -> None:
         self._engine = engine
-        self._watches = [RecordingWatch(rig) for rig in [*engine.rigs.values()][:1]]
-        self._strict, self._frames = strict, 0
+        self._strict = strict
+        self._watch = None if engine.stereo is None else RecordingWatch(engine.stereo)
+        self._frames = 0
         self.refuse()
 
     def update(self, result: FrameResult) -> None:
-        places = {t.track_id: (t.x_m, t.y_m) for t in result.tracks if t.state == "confirmed"}
-        for watch in self._watches:
-            watch.update(result.timestamp_s, result.depth, result.views[0].foreground, places)
+        """Take a frame, and refuse the recording where that is wanted and a check fails by now."""
+        if self._watch is not None:
+            places = {
+                person.track_id: (person.x_m, person.y_m) for person in result.tracks if person.state == "confirmed"
+            }
+            self._watch.update(result.timestamp_s, result.depth, result.views[0].foreground, places)
         self._frames += 1
         if self._frames % 60 == 0:
             self.refuse()
@@ -227,7 +231,8 @@ class RunChecks:
         return [RunWarning(name=c.name, value=value, unit=c.unit, text=c.sentence) for c, value in failed]
 
     def _all(self) -> list[Check]:
-        return [*self._engine.checks, *(check for watch in self._watches for check in watch.checks())]
+        watched = [] if self._watch is None else self._watch.checks()
+        return [*self._engine.checks, *watched]
 
 
 class _Run:
@@ -235,12 +240,12 @@ class _Run:
         self._engine, self._folder, self._options = engine, folder, options
         self._logs = {type(log).__name__: log for log in logs}
         self._totals, self._started = RunTotals(), time.monotonic()
-        self._carried: dict[str, Any] = {"engine": engine, "totals": self._totals}
+        self._checks = RunChecks(engine, options.strict)
+        self._carried: dict[str, Any] = {"engine": engine, "totals": self._totals, "checks": self._checks}
         if options.analytics is not None:
             self._carried["analytics"] = options.analytics
         self._info = _info_of(engine, options)
         self._identity: dict[str, Any] | None = None
-        self._checks = RunChecks(engine, options.strict)
         self._mark_every_s = 0.0 if engine.recording.is_live else options.checkpoint_every_s
         self._marked_s = time.monotonic()
 
@@ -300,16 +305,17 @@ class _Run:
                 self._mark_every_s = 0.0
 
     def _mark(self, tables: RunTables) -> bool:
-        """Write all that a checkpoint refers to, the checkpoint, then run.json; False when the engine holds what a
-        checkpoint cannot (a tracker from elsewhere)."""
-        written = {"tables": tables.mark(), "logs": {name: log.mark() for name, log in self._logs.items()}}
-        self._totals.elapsed_s, self._started = self._elapsed_s(), time.monotonic()
+        """Write all that a checkpoint refers to, the checkpoint, then run.json; False where the engine has parts that
+        cannot be identified, or hold what a checkpoint cannot."""
+        self._totals.elapsed_s = self._elapsed_s()
+        self._started = time.monotonic()
         try:
+            self._identity = self._identity or run_identity(self._engine, self._options, list(self._logs))
             state = {name: part.state() for name, part in self._carried.items()}
-        except TypeError as error:
+        except (resume.UnidentifiedError, TypeError) as error:
             warnings.warn(f"this run writes no checkpoints: {error}", stacklevel=2)
             return False
-        self._identity = self._identity or run_identity(self._engine, self._options, list(self._logs))
+        written = {"tables": tables.mark(), "logs": {name: log.mark() for name, log in self._logs.items()}}
         resume.write_checkpoint(self._folder, resume.Checkpoint(self._identity, written, state))
         write_run_info(self._information("running"), self._folder / "run.json")
         return True
@@ -358,38 +364,42 @@ def skipped_between(engine: Engine, first: int, last: int | None) -> list[Skippe
     return [frame for frame in engine.recording.skipped if first <= frame.index <= end]
 
 
-def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str]) -> dict[str, Any]:
-    """All that decides the tracks of a run, as JSON; ``logs``: names of their classes."""
-    counts, recording = options.analytics, engine.recording
-    rules = counts and {"rules": replace(counts.rules, source=""), "params": counts.params}
-    camera, floor = engine.camera_info(), engine.floor_info()
-    named = {"calibration": True, "heads": {"__all__": {"calibration"}}}
-    return {
-        "version": resume.library_versions() | {"planview": resume.code_version()},
-        "configuration": engine.config.model_dump(mode="json"),
-        "recording": {
-            "images": resume.content_key(recording.path, recording.files),
-            "calibration": resume.calibration_key(recording),
-            "frames": recording.n_frames,
-            "fps": recording.fps,
-            "camera": camera and camera.model_dump(mode="json", exclude=named),  # type: ignore[arg-type]
-            "floor": floor and floor.model_dump(mode="json", exclude={"source"}),
-        },
-        "settings": {
-            "tracker": options.tracker, "rules": resume.digest_of(rules) if rules else "", "logs": sorted(logs),
-            "first_frame": options.first_frame,
-        },
-    }  # fmt: skip
+def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """All that decides the tracks of a run, as JSON; ``logs``: names of their classes. Raises UnidentifiedError: a part
+    or a recording that cannot be told from another one."""
+    recording = engine.recording
+    resume.refuse_unidentified(engine)
+    identity = resume.described(_info_of(engine, options))
+    identity["version"] = resume.library_versions() | {"planview": resume.code_version()}
+    identity["recording"] |= {
+        "images": resume.content_key(recording.path, recording.files),
+        "calibration": resume.calibration_key(recording),
+        "frames": recording.n_frames,
+    }
+    identity["settings"] |= {"rules": "", "logs": sorted(logs)}
+    if (counts := options.analytics) is not None:
+        rules = {"rules": replace(counts.rules, source=""), "params": counts.params}
+        identity["settings"]["rules"] = resume.digest_of(rules)
+    return identity
 
 
 def _info_of(engine: Engine, options: RunOptions) -> RunInfo:
     recording = engine.recording
     path = recording.path
     return RunInfo(
-        input=os.fspath(path), recording=os.fspath(path.resolve()) if path.exists() else "",
-        opened=recording.options.resolved(), notes=list(recording.notes),
-        size_px=engine.size, fps=recording.fps, plane="floor" if engine.camera is not None else "image",
-        rig=engine.camera_info(), floor=engine.floor_info(),
-        tracker=options.tracker, first_frame=options.first_frame, config=engine.config.model_dump(mode="json"),
-        started_at=datetime.now(UTC).astimezone().isoformat(timespec="seconds"), versions=resume.library_versions(),
-    )  # fmt: skip
+        input=os.fspath(path),
+        recording=os.fspath(path.resolve()) if path.exists() else "",
+        opened=recording.options.resolved(),
+        notes=list(recording.notes),
+        size_px=engine.size,
+        fps=recording.fps,
+        plane="floor" if engine.camera is not None else "image",
+        rig=engine.camera_info(),
+        floor=engine.floor_info(),
+        tracker=engine.tracker_name,
+        own_parts={role: resume.part_name(part) for role, part in engine.own_parts.items()},
+        first_frame=options.first_frame,
+        config=engine.config.model_dump(mode="json"),
+        started_at=datetime.now(UTC).astimezone().isoformat(timespec="seconds"),
+        versions=resume.library_versions(),
+    )

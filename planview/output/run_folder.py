@@ -31,6 +31,12 @@ if TYPE_CHECKING:
     from planview.evaluation.result import Evaluation
 
 
+TRACKS_ONLINE = "tracks_online.csv"
+"""Tracks as the tracker wrote them, once they are refined."""
+TRACKS_BEFORE = "tracks_before.csv"
+"""Tracks without any edit, once they are edited."""
+
+
 @dataclass(frozen=True, eq=False)
 class RunFolder:
     """What a run left in its folder; a part is read, or refused with InputError, when it is first used.
@@ -49,7 +55,7 @@ class RunFolder:
     def around(path: Path) -> RunFolder | None:
         """The run of a folder or of a file of its tracks; None for other tracks."""
         folder = path if path.is_dir() else path.parent
-        named = path.is_dir() or path.name in ("tracks.csv", "tracks_online.csv", "tracks_before.csv")
+        named = path.is_dir() or path.name in ("tracks.csv", TRACKS_ONLINE, TRACKS_BEFORE)
         return RunFolder(folder) if named and (folder / "run.json").is_file() else None
 
     def read_all(self) -> RunFolder:
@@ -82,6 +88,16 @@ class RunFolder:
         rows_end = int(tracks.frame.max(initial=-1)) + 1
         read_end = info.first_frame + info.frames_read + info.frames_skipped
         return replace(tracks, first_frame=info.first_frame, n_frames=max(rows_end, read_end))
+
+    @cached_property
+    def as_tracked(self) -> RunFolder:
+        """The run with the tracks that the tracker wrote, before they were refined and edited."""
+        if self.other_tracks is not None:
+            return self
+        file = self.path / TRACKS_BEFORE
+        if self.info.refined:
+            file = self.path / TRACKS_ONLINE
+        return replace(self, other_tracks=read_tracks(file)) if self.info.refined or file.is_file() else self
 
     @cached_property
     def events(self) -> list[Event]:

@@ -164,7 +164,7 @@ def _track(job: Job) -> None:
         options = OpenOptions(entry.calibration, entry.fps)
         engine = open_engine(entry.path, job.tracker, job.config, entry.camera, options)
         engine.ahead = 0
-        run(engine, folder, RunOptions(tracker=job.tracker, last_frame=job.frames - 1 if job.frames else None))
+        run(engine, folder, RunOptions(last_frame=job.frames - 1 if job.frames else None))
         if not job.is_done:  # a folder that lacks run.json makes room only now
             shutil.rmtree(job.folder, ignore_errors=True)
 

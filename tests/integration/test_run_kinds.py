@@ -195,7 +195,7 @@ def test_run_tracks_the_boxes_of_a_file_and_is_evaluated_as_any_run(video, tmp_p
     scored = ["evaluate", out / "tracks.csv", tmp_path / "truth.csv"]
     assert json_of(*scored)["idf1"] > 0.5
     refused(*scored, "--boxes")
-    assert "a run without detections" in refused("replay", out, "--frame", "5")
+    assert "your own detections" in refused("replay", out, "--frame", "5")
 
 
 def test_python_takes_an_array_per_frame(video, tmp_path):

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from contextlib import suppress
 from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ from crossing_video import CAMERA, CrossingVideo
 from rerun.chunk import RrdReader
 from toy_run import FEW
 
+from calib.errors import InputError
+from calib.types import F32, U8
 from planview.counting.rules import load_rules
 from planview.counting.stream import Analytics
 from planview.engine.config import load_config
@@ -21,7 +24,15 @@ from planview.engine.open import engine_of, open_engine
 from planview.engine.setup import set_up
 from planview.maps.recording import MapsRecording
 from planview.output.folder import read_run_info, rrd_parts
-from planview.output.resume import CHECKPOINT, Checkpoint, checkpoint_of, difference, read_checkpoint, write_checkpoint
+from planview.output.resume import (
+    CHECKPOINT,
+    Checkpoint,
+    UnidentifiedError,
+    checkpoint_of,
+    difference,
+    read_checkpoint,
+    write_checkpoint,
+)
 from planview.output.run import RunOptions, run, run_identity
 from planview.output.tables import MapsLog
 from planview.tracking.base import ImageTracker, Tracker
@@ -33,6 +44,7 @@ from planview.tracking.human_model.tracker import HumanModelTracker
 from planview.tracking.joint import JointTracker
 from planview.tracking.template import TemplateTracker
 from planview.trajectories.boxes import Detections
+from stereo.matcher import Matcher
 
 RULES = (
     '[[zone]]\nname = "all"\npolygon_m = [[-9, -9], [9, -9], [9, 9], [-9, 9]]\nmin_age_s = 0.0\n'
@@ -68,7 +80,8 @@ def rules(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     "stops", [pytest.param((2,), marks=pytest.mark.slow), (20,), pytest.param((5, 20), marks=pytest.mark.slow)]
 )
-def test_a_resumed_run_writes_what_an_uninterrupted_one_writes(engine, tmp_path, rules, stops):
+def test_a_resumed_run_writes_what_an_uninterrupted_one_writes(engine, tmp_path, rules, stops, monkeypatch):
+    monkeypatch.setattr("planview.checks.examine.VALID_SHARE_MIN", 2.0)  # a warning with a value of all frames
     alone, stopped = tmp_path / "alone", tmp_path / "stopped"
     run(engine, alone, options_with(rules), [MapsLog(engine, folder_of(alone) / "maps.h5")])
     with pytest.raises(StoppedError):
@@ -88,7 +101,13 @@ def test_a_resumed_run_writes_what_an_uninterrupted_one_writes(engine, tmp_path,
     for name in RESULTS:
         assert (stopped / name).read_bytes() == (alone / name).read_bytes()
     assert '"all"' in (stopped / "counts.json").read_text()
+    assert outcome(stopped) == outcome(alone) and "valid disparity" in str(outcome(alone)["warnings"])
     assert {file.name for file in stopped.iterdir()} == {file.name for file in alone.iterdir()}
+
+
+def outcome(folder: Path) -> dict[str, Any]:
+    """run.json without the times that the run took."""
+    return read_run_info(folder / "run.json").model_dump(exclude={"started_at", "elapsed_s", "stages_ms"})
 
 
 def test_a_second_run_with_the_same_rules_counts_from_the_beginning(engine, tmp_path, rules):
@@ -118,7 +137,77 @@ def test_another_recording_or_option_is_not_resumed_with(cli, refused, copy, tmp
     assert cli("run", copy, "--out", out, "--set", FEW, "--frames", "3", "--checkpoint-every", FREQUENT_S)[0] == 0
     (out / "run.json").write_text((out / "run.json").read_text().replace('"finished": true', '"finished": false'))
     output = refused("run", copy, "--out", out, "--set", "analysis.setup_frames=5", "--resume")
-    assert "expected the beginning of this run, found another" in output
+    assert "the beginning of a run with another configuration (analysis" in output
+
+
+class OwnMatcher:
+    """A matcher of the user's; nothing has a disparity."""
+
+    def __init__(self, identity: str = "") -> None:
+        self.identity = identity
+
+    def __call__(self, left_grey: U8, right_grey: U8) -> F32:
+        return np.full(left_grey.shape, np.nan, np.float32)
+
+
+class OwnTracker(JointTracker):
+    """A tracker of the user's."""
+
+    identity = ""
+
+
+def engine_with(engine: Engine, matcher: Matcher | None = None, tracker: Tracker | None = None) -> Engine:
+    """The engine with parts of the user's own, without looking for the floor again."""
+    setup = replace(engine.heads[0].rig, matcher=matcher)
+    return engine_of(engine.recording, tracker or "joint", engine.config, setup=setup)
+
+
+@pytest.mark.parametrize("part", ["matcher", "tracker", "by hand"])
+def test_a_run_with_a_part_that_cannot_be_identified_writes_no_checkpoints(engine, tmp_path, part):
+    own = {
+        "matcher": lambda: engine_with(engine, OwnMatcher()),
+        "tracker": lambda: engine_with(engine, tracker=OwnTracker()),
+        "by hand": lambda: Engine(engine.recording, engine.config, engine.heads, JointTracker()),
+    }[part]()
+    options = RunOptions(last_frame=1, checkpoint_every_s=FREQUENT_S)
+    with pytest.warns(UserWarning, match="writes no checkpoints: .* has no attribute 'identity'"):
+        run(own, tmp_path, options)
+    with pytest.raises(UnidentifiedError):
+        run_identity(own, options, [])
+
+
+def test_the_parts_of_the_users_own_are_named_in_run_json(engine, tmp_path):
+    tracker = OwnTracker()
+    tracker.identity = "v2"
+    run(engine_with(engine, OwnMatcher(), tracker), tmp_path, RunOptions(last_frame=0))
+    info = read_run_info(tmp_path / "run.json")
+    assert (info.tracker, info.own_parts) == ("OwnTracker", {"matcher": "OwnMatcher", "tracker": "OwnTracker v2"})
+
+
+def stop_with_matcher(engine: Engine, folder: Path, identity: str, **options: Any) -> None:
+    with pytest.raises(StoppedError):
+        run(engine_with(engine, OwnMatcher(identity)), folder, RunOptions(**options), (), stop_at(3))
+
+
+@pytest.mark.parametrize("every_s", [FREQUENT_S, 0.0])
+def test_another_matcher_or_none_does_not_resume_a_run(engine, tmp_path, every_s):
+    stop_with_matcher(engine, tmp_path, "one", checkpoint_every_s=every_s)
+    for other in (engine, engine_with(engine, OwnMatcher("two"))):
+        with pytest.raises(InputError, match=r"another part \(matcher\)"):
+            checkpoint_of(tmp_path, run_identity(other, RunOptions(), []), print)
+
+
+def test_a_matcher_with_the_same_identity_resumes_a_run(engine, tmp_path):
+    stop_with_matcher(engine, tmp_path, "one", checkpoint_every_s=FREQUENT_S)
+    again = engine_with(engine, OwnMatcher("one"))
+    assert checkpoint_of(tmp_path, run_identity(again, RunOptions(), []), print) is not None
+
+
+def test_a_run_of_another_part_of_the_recording_is_not_begun_again(engine, tmp_path):
+    with pytest.raises(StoppedError):
+        run(engine, tmp_path, RunOptions(first_frame=2), (), stop_at(5))
+    with pytest.raises(InputError, match=r"another settings \(first_frame\)"):
+        checkpoint_of(tmp_path, run_identity(engine, RunOptions(), []), print)
 
 
 def test_a_run_resumes_with_new_files_next_to_its_images_and_with_its_rules_under_another_name(copy, tmp_path, rules):

@@ -172,7 +172,10 @@ def changed_settings(config: dict[str, JsonValue]) -> list[tuple[str, str, str]]
 
 def differing_settings(runs: Sequence[RunInfo]) -> list[tuple[str, list[str]]]:
     """Names of what runs were given and differs between them, with the value of each run, ready to print."""
-    names = ("recording", "opened", "fps", "first_frame", "frames_read", "tracker", "refined", "versions", "config")
+    names = (
+        "recording", "opened", "fps", "first_frame", "frames_read", "tracker", "own_parts", "refined", "versions",
+        "config",
+    )  # fmt: skip
     given: dict[str, Any] = {**dict.fromkeys(names, True), "rig": {"calibration", "focal_px", "baseline_m", "lens"}}
     tables = [flat_settings(run.model_dump(mode="json", include=given)) for run in runs]
     rows: list[tuple[str, list[str]]] = []

@@ -13,17 +13,13 @@ from planview.output.resume import (
     CHECKPOINT,
     Checkpoint,
     checkpoint_of,
+    described,
     difference,
     read_checkpoint,
     write_checkpoint,
 )
 
-IDENTITY: dict[str, Any] = {
-    "version": {},
-    "configuration": {"seed": 0},
-    "recording": {},
-    "settings": {"tracker": "joint"},
-}
+IDENTITY: dict[str, Any] = {"version": {}} | described(RunInfo(config={"seed": 0}, tracker="joint"))
 
 
 @pytest.mark.parametrize("array", [np.arange(6.0).reshape(2, 3), np.arange(6.0).reshape(2, 3).T])
@@ -67,7 +63,7 @@ def test_a_damaged_checkpoint_is_not_resumed_from(tmp_path: Path, damage: str) -
 
 def test_a_checkpoint_of_another_configuration_is_refused_and_the_first_difference_named(tmp_path):
     write(tmp_path, 1)
-    with pytest.raises(InputError, match=r"found one of another configuration \(seed\)"):
+    with pytest.raises(InputError, match=r"of another configuration \(seed\)"):
         checkpoint_of(tmp_path, IDENTITY | {"configuration": {"seed": 1}}, print)
     assert difference(IDENTITY, IDENTITY) == ""
     assert difference(IDENTITY, IDENTITY | {"version": {"numpy": "9"}}) == "another version (numpy)"

@@ -23,7 +23,7 @@ from planview.drawing.people import ARROW_M, AXIS_M
 from planview.drawing.style import as_bgr
 from planview.engine.config import Config, load_config
 from planview.engine.open import open_engine
-from planview.output.folder import rrd_parts
+from planview.output.folder import RunInfo, read_run_info, rrd_parts, write_run_info
 from planview.output.render import tally
 from planview.output.replay import difference_text, replay_run
 from planview.output.report.page import write_report
@@ -50,7 +50,7 @@ def ellipses(street: Path, tmp_path: Path) -> Path:
         cv2.imwrite(str(file), image)
     out = tmp_path / "ellipses"
     out.mkdir()
-    run(open_engine(video, TRACKER, options=OpenOptions(fps=30.0)), out, RunOptions(TRACKER))
+    run(open_engine(video, TRACKER, options=OpenOptions(fps=30.0)), out, RunOptions())
     return out
 
 
@@ -59,6 +59,39 @@ def test_run_repeated_with_its_own_parameters_has_the_same_tracks(ellipses):
     replayed = replay_run(results, load_config(None, (), None), 25)
     assert replayed.source == ellipses.parent / "street"
     assert difference_text(results, replayed, 25)[0] == "tracks are the same up to this frame"
+
+
+@pytest.mark.parametrize(("kept", "refined"), [("tracks_before.csv", False), ("tracks_online.csv", True)])
+def test_an_edited_or_refined_run_is_compared_as_the_tracker_wrote_it(ellipses, kept, refined):
+    (ellipses / "tracks.csv").rename(ellipses / kept)
+    write_tracks(ellipses / "tracks.csv", 20)
+    info = read_run_info(ellipses / "run.json")
+    write_run_info(info.model_copy(update={"refined": refined}), ellipses / "run.json")
+    results = RunFolder(ellipses)
+    replayed = replay_run(results, results.config, 25)
+    assert difference_text(results, replayed, 25)[0] == "tracks are the same up to this frame"
+
+
+def test_a_refined_and_edited_run_is_compared_as_the_tracker_wrote_it(tmp_path):
+    for name, rows in (("tracks_online.csv", 3), ("tracks_before.csv", 2), ("tracks.csv", 1)):
+        write_tracks(tmp_path / name, rows)
+    for refined, rows in ((True, 3), (False, 2)):
+        write_run_info(RunInfo(refined=refined), tmp_path / "run.json")
+        assert len(RunFolder(tmp_path).as_tracked.tracks) == rows
+    (tmp_path / "tracks_before.csv").unlink()
+    assert len(RunFolder(tmp_path).as_tracked.tracks) == 1
+
+
+def write_tracks(path: Path, n_rows: int) -> None:
+    rows = "".join(f"{n},{n / 10},1,0,5,1.7,confirmed\n" for n in range(n_rows))
+    path.write_text("frame,timestamp_s,id,x_m,y_m,height_m,state\n" + rows)
+
+
+@pytest.mark.parametrize("part", ["matcher", "tracker", "head"])
+def test_a_run_with_parts_that_its_folder_does_not_keep_is_not_replayed(ellipses, refused, part):
+    info = read_run_info(ellipses / "run.json")
+    write_run_info(info.model_copy(update={"own_parts": {part: "Mine"}}), ellipses / "run.json")
+    assert f"your own {part} Mine" in refused("replay", ellipses, "--frame", 25)
 
 
 def test_command_draws_both_and_prints_what_differs(ellipses, tmp_path, capsys):
