@@ -24,7 +24,7 @@ from planview.counting.totals import count_tracks, count_truth, score_counts, sc
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.misfit import misfit
 from planview.evaluation.result import Evaluation, pooled
-from planview.output.folder import unfinished_note, write_result, writing
+from planview.output.folder import folder_lock, unfinished_note, write_result
 from planview.output.run_folder import RunFolder
 from planview.trajectories.boxes import refuse_outside
 from planview.trajectories.clock import Clock
@@ -306,10 +306,9 @@ def _write_counts(tracks: Path | None, folder: Path | None, events: Sequence[Eve
     rows = io.StringIO()
     write_event_header(rows)
     write_event_rows(rows, events)
-    with writing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-    write_result(folder / "events.csv", rows.getvalue())
-    write_result(folder / "counts.json", json.dumps(result, indent=2) + "\n")
+    with folder_lock(folder):  # a run that goes on writes its own
+        write_result(folder / "events.csv", rows.getvalue())
+        write_result(folder / "counts.json", json.dumps(result, indent=2) + "\n")
     if files:
         _note(f"replaced {' and '.join(map(str, files))}")
 

@@ -195,6 +195,19 @@ def test_a_folder_belongs_to_one_call_of_a_process_under_any_name(tmp_path, monk
         pass
 
 
+@pytest.mark.parametrize(
+    "words", [["edit", "--delete", "5"], ["refine"], ["edit", "--undo-all"], ["count", "--rules", "rules.toml"]]
+)
+def test_results_that_another_call_holds_are_not_changed(street: Path, refused, monkeypatch, words) -> None:
+    monkeypatch.chdir(street)
+    Path("rules.toml").write_text('[[zone]]\nname = "all"\npolygon_m = [[-20, 0], [20, 0], [20, 20], [-20, 20]]\n')
+    with folder_lock(street):
+        before = {file.name: file.read_bytes() for file in street.iterdir()}
+        command, *options = words
+        assert "is writing into it" in refused(command, street, *options)
+        assert {file.name: file.read_bytes() for file in street.iterdir()} == before
+
+
 def test_compiled_kernels_are_announced_and_cached_ones_are_not() -> None:
     kernel = njit(lambda x: x + 1)
     text = io.StringIO()
