@@ -1,5 +1,7 @@
 """A run shown in rerun while it goes on."""
 
+import os
+import signal
 import socket
 import subprocess
 import sysconfig
@@ -34,7 +36,7 @@ def wait_until(port: int, *, is_listened_on: bool) -> None:
 def test_a_viewer_receives_people_of_every_frame(engine, tmp_path):
     port, file = viewer.free_port(viewer.PORT), tmp_path / "received.rrd"
     command = [RERUN, "--serve-grpc", "--bind", "127.0.0.1", "--port", str(port), "--save", file]
-    program = subprocess.Popen([*map(str, command)], env=viewer.quiet_environment())
+    program = subprocess.Popen([*map(str, command)], env=viewer.quiet_environment(), start_new_session=True)
     try:
         wait_until(port, is_listened_on=True)
         log = ViewerLog(engine, f"rerun+http://127.0.0.1:{port}/proxy")
@@ -43,7 +45,7 @@ def test_a_viewer_receives_people_of_every_frame(engine, tmp_path):
         log.close()
         time.sleep(1.0)
     finally:
-        program.terminate()
+        os.killpg(program.pid, signal.SIGTERM)  # and the program that it started
         program.wait()
     printed = subprocess.run([RERUN, "rrd", "print", file], capture_output=True, text=True, timeout=60).stdout
     assert "/world/people" in printed and "/image/left" in printed
