@@ -43,7 +43,7 @@ class _EditsFile(BaseModel):
 
 
 class EditedRun(NamedTuple):
-    """How many steps can be undone, and rows and people before and after the call."""
+    """Number of steps that can be undone, and rows and people before and after the call."""
 
     steps: int
     rows_before: int
@@ -62,7 +62,7 @@ def edit_run(folder: Path, lines: Sequence[str]) -> EditedRun:
     with _finished_run_lock(folder):
         before = _readable_run(folder)
         _rewrite(before, [*read_steps(folder), step])
-        return _changed(before)
+        return _change_of(before)
 
 
 def undo_edits(folder: Path, *, everything: bool = False) -> EditedRun:
@@ -77,20 +77,20 @@ def undo_edits(folder: Path, *, everything: bool = False) -> EditedRun:
             _rewrite(before, [] if everything else done[:-1])
         if before.info.refined and (everything or not done):
             _without_refinement(folder)
-        return _changed(before)
+        return _change_of(before)
 
 
-def _changed(before: RunFolder) -> EditedRun:
+def _change_of(before: RunFolder) -> EditedRun:
     after = RunFolder(before.path)
     steps = len(read_steps(after.path)) + after.info.refined
     return EditedRun(steps, len(before.tracks), len(after.tracks), len(before.people), len(after.people))
 
 
 def _without_refinement(folder: Path) -> None:
-    tracks, online = folder / "tracks.csv", folder / TRACKS_ONLINE
+    online = folder / TRACKS_ONLINE
     if not online.is_file():
         raise InputError(f"{online}: the tracks before the refinement are missing")
-    write_result(tracks, online.read_text(encoding="utf-8"))
+    write_result(folder / "tracks.csv", online.read_text(encoding="utf-8"))
     run = RunFolder(folder)
     write_run_info(run.info.model_copy(update={"refined": False, "people": len(run.people)}), folder / "run.json")
     for path in (online, folder / "refinement.csv"):
@@ -98,16 +98,24 @@ def _without_refinement(folder: Path) -> None:
     write_report(folder)
 
 
+EQUAL_SCORE = 5e-4
+"""Scores that differ by less print alike."""
+
+
 def scores_of_refinement(folder: Path) -> str:
-    """How a refinement changed the scores, "better", "worse" or "equal" first, then a line before and one after; empty
-    where the recording has no truth."""
+    """Change of the scores by a refinement: "better", "worse" or "equal", then a line before and one after; empty where
+    the recording has no truth."""
     refined = RunFolder(folder)
     if refined.truth_file is None:
         return ""
     before = refined.as_tracked.evaluated()
     after = refined.evaluated()
-    odds = [(after.mota or 0) - (before.mota or 0), (after.idf1 or 0) - (before.idf1 or 0)]
-    verdict = "worse" if min(odds) < -5e-4 else "better" if max(odds) > 5e-4 else "equal"
+    gains = [(after.mota or 0) - (before.mota or 0), (after.idf1 or 0) - (before.idf1 or 0)]
+    verdict = "equal"
+    if max(gains) > EQUAL_SCORE:
+        verdict = "better"
+    if min(gains) < -EQUAL_SCORE:
+        verdict = "worse"
     return f"{verdict} against the truth\nbefore: {before.headline}\nafter:  {after.headline}"
 
 
@@ -144,8 +152,11 @@ def _readable_run(folder: Path) -> RunFolder:
 
 
 def _rewrite(run: RunFolder, steps: list[EditStep]) -> None:
-    tracks, kept = run.path / "tracks.csv", run.path / TRACKS_BEFORE
-    after = edited(read_tracks(kept) if kept.is_file() else run.tracks, [line for step in steps for line in step.edits])
+    """Write the tracks again that follow from all steps."""
+    tracks = run.path / "tracks.csv"
+    kept = run.path / TRACKS_BEFORE
+    before = read_tracks(kept) if kept.is_file() else run.tracks
+    after = edited(before, [line for step in steps for line in step.edits])
     if not kept.is_file():
         write_result(kept, tracks.read_text(encoding="utf-8"))
     write_result(run.path / EDITS, json.dumps({"steps": [step.model_dump() for step in steps]}, indent=2) + "\n")
@@ -178,13 +189,14 @@ def refine_held_run(folder: Path) -> tuple[Refined, RunInfo]:
     run = _readable_run(folder)
     if read_steps(folder):
         raise InputError(f"{folder}: its tracks were edited; undo the edits first")
-    tracks, online = folder / "tracks.csv", folder / TRACKS_ONLINE
+    tracks = folder / "tracks.csv"
+    online = folder / TRACKS_ONLINE
     if run.info.refined and not online.is_file():
         raise InputError(f"{online}: expected the online tracks of a refined run, found no file")
     source = online if run.info.refined else tracks
-    found = read_tracks(source)
+    tracked = read_tracks(source)
     try:
-        refined = refine(found)
+        refined = refine(tracked)
     except InputError as error:
         raise InputError(f"{source}: {error}") from error
     if source is tracks:

@@ -132,8 +132,10 @@ def writing(path: Path, kept: str = "") -> Iterator[None]:
 def unfinished_note(tracks: Path) -> str:
     """A sentence where tracks are of a run that has not finished; empty elsewhere (errors of ``read_run_info``)."""
     path = tracks.parent / "run.json"
-    info = read_run_info(path) if tracks.name == "tracks.csv" and path.is_file() else None
-    if info is None or info.finished or not info.started_at:
+    if tracks.name != "tracks.csv" or not path.is_file():
+        return ""
+    info = read_run_info(path)
+    if info.finished or not info.started_at:
         return ""
     how = "is still running or was killed" if info.state == "running" else "was interrupted"
     return f"{tracks}: the run {how}: only the frames tracked so far are used"
@@ -239,18 +241,20 @@ def check_folder(folder: Path, overwrite: bool, recording: Path | None = None) -
     except OSError as error:
         why = "files cannot be created there" if error.errno == errno.ENOENT else reason(error)
         raise WorkError(f"{folder}: cannot be written ({why})") from error
-    inside = recording if recording is not None and recording.resolve().parent == folder.resolve() else None
-    if inside is not None and any(fnmatch(inside.name, pattern) for pattern in PRODUCTS):
-        raise InputError(f"{folder}: expected another folder than that of the input, found {inside} in it")
-    found = products_in(folder)
-    for path in [*found, *folder.glob(LOCK_NAME)]:
+    name = ""
+    if recording is not None and recording.resolve().parent == folder.resolve():
+        name = recording.name
+    if any(fnmatch(name, pattern) for pattern in PRODUCTS):
+        raise InputError(f"{folder}: expected another folder than that of the input, found {recording} in it")
+    products = products_in(folder)
+    for path in [*products, *folder.glob(LOCK_NAME)]:
         if path.exists() and not path.is_file():
             raise InputError(f"{path}: expected a file of a run, found a folder, a pipe or a device")
-    if overwrite or not found:
+    if overwrite or not products:
         return
     # Results of any kind are worth keeping: of a run, finished or not, and of others who use the same names.
-    if folder / "run.json" not in found:
-        names = ", ".join(path.name for path in found[:4])
+    if folder / "run.json" not in products:
+        names = ", ".join(path.name for path in products[:4])
         raise HoldsResultsError(f"{folder}: contains {names} but no run.json, so it was not written by planview")
     try:
         resumable = finished_run(folder) is None
@@ -297,5 +301,7 @@ def rrd_parts(path: Path) -> list[Path]:
 def finished_run(folder: Path) -> RunInfo | None:
     """The run.json of a finished run, else None. Raises InputError: a run.json that cannot be read."""
     path = folder / "run.json"
-    info = read_run_info(path) if path.is_file() else None
-    return info if info is not None and info.finished else None
+    if not path.is_file():
+        return None
+    info = read_run_info(path)
+    return info if info.finished else None

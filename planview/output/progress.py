@@ -44,7 +44,8 @@ def compile_notice(console: Console) -> Iterator[None]:
     from numba.core.event import Event, Listener, install_listener  # half a second, which only a run pays
 
     class Lines(Listener):
-        kernels, last_s = 0, 0.0
+        kernels = 0
+        last_s = 0.0
 
         def on_start(self, event: Event) -> None:
             if not self.last_s:
@@ -67,10 +68,17 @@ class FrameProgress(Progress):
     """A bar with frames per second, remaining time and the people in view; call it with every frame."""
 
     def __init__(self, console: Console, n_frames: int | None, first: int = 0) -> None:
-        rate, people = TextColumn("{task.fields[rate]}"), TextColumn("{task.fields[people]}")
-        columns = TextColumn("tracking"), BarColumn(), MofNCompleteColumn(), rate, TimeRemainingColumn(), people
-        super().__init__(*columns, console=console)
-        self._frames, self._first = 0, first
+        super().__init__(
+            TextColumn("tracking"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[rate]}"),
+            TimeRemainingColumn(),
+            TextColumn("{task.fields[people]}"),
+            console=console,
+        )
+        self._frames = 0
+        self._first = first
         self._task = self.add_task("tracking", total=n_frames, rate="", people="")
 
     def __call__(self, result: FrameResult) -> None:
@@ -84,18 +92,25 @@ class FrameProgress(Progress):
 def summary(console: Console, info: RunInfo, folder: Path) -> None:
     """People seen, frames read and skipped, calibration, floor, and the median time of every stage."""
     table = Table(show_header=False, box=None, pad_edge=False)
-    table.add_row("people seen", str(info.people) + (f": {info.remark}" if info.remark else ""))
-    skipped = f", {info.frames_skipped} skipped ({info.skipped[0].why})" if info.skipped else ""
-    begun = f" from frame {info.first_frame} on, where the background starts" if info.first_frame else ""
-    table.add_row("frames", f"{info.frames_read:,}{begun}{skipped}, tracked in {info.elapsed_s:.0f} s")
+    people = str(info.people)
+    if info.remark:
+        people += f": {info.remark}"
+    table.add_row("people seen", people)
+    frames = f"{info.frames_read:,}"
+    if info.first_frame:
+        frames += f" from frame {info.first_frame} on, where the background starts"
+    if info.skipped:
+        frames += f", {info.frames_skipped} skipped ({info.skipped[0].why})"
+    table.add_row("frames", f"{frames}, tracked in {info.elapsed_s:.0f} s")
     for note in info.notes:
         table.add_row("note", note)
     if info.rig and info.rig.correction:
         table.add_row("calibration", info.rig.correction)
-    if floor := info.floor:
+    if info.floor is not None:
+        floor = info.floor
         source = "floor found in the recording" if floor.source == "found" else floor.source
-        above = f"{floor.height_m:.2f} m above the floor, tilt {floor.tilt_deg:.1f} degrees ({source})"
-        table.add_row("camera", above)
+        place = f"{floor.height_m:.2f} m above the floor, tilt {floor.tilt_deg:.1f} degrees"
+        table.add_row("camera", f"{place} ({source})")
     stages = ", ".join(f"{name} {ms:.1f}" for name, ms in info.stages_ms.items() if ms is not None)
     table.add_row("ms per frame", f"{stages} (medians; reading runs in parallel)")
     table.add_row("results", str(folder))

@@ -39,21 +39,26 @@ from stereo.rgbd import RgbdRectifier
 if TYPE_CHECKING:
     from open3d.geometry import PointCloud
 
-HEADER_PX, LINE_PX = 30, 22
+HEADER_PX = 30
+LINE_PX = 22
 ALONE_PX = (960, 720)
 """Size of the floor where there is no image."""
-_INK, _BACK, _FONT = (40, 40, 40), (255, 255, 255), cv2.FONT_HERSHEY_SIMPLEX
+PLAN_SHARE = 0.75
+"""Width of the floor as a share of the height of the image next to it."""
+_INK = (40, 40, 40)
+_BACK = (255, 255, 255)
 
 
 def tally(events: Sequence[Event], rules: Mapping[str, Any], frame: int) -> list[str]:
-    """What each rule of (all) events has counted up to a frame; ``rules``: see ``RunFolder.rule_counts``."""
-    known = [(event.rule, str(event.direction or event.kind)) for event in events if event.frame <= frame]
-    count = Counter(known)
+    """Counts of each rule of (all) events up to a frame; ``rules``: see ``RunFolder.rule_counts``."""
+    past = [event for event in events if event.frame <= frame]
+    count = Counter((event.rule, str(event.direction or event.kind)) for event in past)
+    kinds = {event.rule: event.kind for event in sorted(events, key=lambda event: event.frame)}
     lines = []
-    for rule, kind in {event.rule: event.kind for event in sorted(events, key=lambda e: e.frame)}.items():
+    for rule, kind in kinds.items():
         if kind == "crossing":
-            inward, ways = rules.get(rule, {}).get("inward"), ("left_to_right", "right_to_left")
-            parts = [f"{count[rule, way]} {way_words(way, inward)}" for way in ways]
+            inward = rules.get(rule, {}).get("inward")
+            parts = [f"{count[rule, way]} {way_words(way, inward)}" for way in ("left_to_right", "right_to_left")]
         else:
             entries = count[rule, "entry"]
             parts = [f"{entries - count[rule, 'exit']} inside", f"{entries} entries"]
@@ -79,7 +84,7 @@ class SceneComposer:
     ) -> None:
         self._results = results
         self._bounds = bounds or results.bounds()
-        self._trail = round(trail_s / results.clock.frame_s)
+        self._trail_frames = round(trail_s / results.clock.frame_s)
         self._truth = results.truth if truth else None
         self._with_plan = plan and results.on_floor
         self._image = ImagePainter(results.camera, results.rules, self._bounds)
@@ -87,34 +92,48 @@ class SceneComposer:
 
     def __call__(self, frame: int, image: U8 | None) -> U8:
         """(H, W, 3) uint8 BGR with even H and W; ``image``: (h, w[, 3]) uint8 BGR, None where it cannot be read."""
-        snapshot = snapshot_at(self._results.tracks, frame, self._trail, self._truth)
-        counted = tally(self._results.events, self._results.rule_counts, frame)
-        panels = [] if image is None else [self._image(image, snapshot)]
-        if self._with_plan or image is None:
-            height = panels[0].shape[0] if panels else ALONE_PX[1]
-            panels.append(self._floor(snapshot, height, counted, alone=not panels))
-        picture = np.hstack(panels)
-        header: U8 = np.full((HEADER_PX, picture.shape[1], 3), _BACK, dtype=np.uint8)
-        time_s = float(self._results.clock.at(np.array([frame]))[0])
-        people = np.count_nonzero(self._results.tracks.frame[self._results.of_people] == frame)
-        text = f"frame {frame}   {time_s:.2f} s   {people} {'person' if people == 1 else 'people'}"
-        if image is not None and not self._with_plan:  # which has room for what rules count
-            text = "   ".join([text, *counted])
-        cv2.putText(header, text, (8, HEADER_PX - 10), _FONT, 0.5, _INK, 1, cv2.LINE_AA)
+        snapshot = snapshot_at(self._results.tracks, frame, self._trail_frames, self._truth)
+        counts = tally(self._results.events, self._results.rule_counts, frame)
+        title = self._title(frame)
+        if image is None:
+            width, height = ALONE_PX
+            picture = self._floor(snapshot, width, height, counts)
+        else:
+            picture = self._image(image, snapshot)
+            if self._with_plan:
+                height = picture.shape[0]
+                picture = np.hstack([picture, self._floor(snapshot, round(PLAN_SHARE * height), height, counts)])
+            else:  # which has room for what rules count
+                title = "   ".join([title, *counts])
+        header = _blank(HEADER_PX, picture.shape[1])
+        _write(header, title, HEADER_PX - 10, 0.5)
         whole = np.vstack([header, picture])
         return np.ascontiguousarray(whole[: whole.shape[0] // 2 * 2, : whole.shape[1] // 2 * 2])
 
-    def _floor(self, snapshot: Snapshot, height: int, counted: list[str], *, alone: bool) -> U8:
+    def _title(self, frame: int) -> str:
+        """Number and time of a frame, and how many people are there."""
+        results = self._results
+        time_s = float(results.clock.at(np.array([frame]))[0])
+        people = np.count_nonzero(results.tracks.frame[results.of_people] == frame)
+        return f"frame {frame}   {time_s:.2f} s   {people} {'person' if people == 1 else 'people'}"
+
+    def _floor(self, snapshot: Snapshot, width: int, height: int, counts: list[str]) -> U8:
         """The floor from above, with the counts below it."""
-        below = LINE_PX * len(counted) + (8 if counted else 0)
-        # Width of the floor as a share of the image's height.
-        size = ALONE_PX[0] if alone else round(0.75 * height), height - below
+        below = _blank(LINE_PX * len(counts) + (8 if counts else 0), width)
+        for n, line in enumerate(counts, 1):
+            _write(below, line, LINE_PX * n - 4, 0.45)
         if self._plan is None:
+            size = width, height - below.shape[0]
             self._plan = PlanPainter(self._bounds, size, self._results.cameras, self._results.rules)
-        text: U8 = np.full((below, size[0], 3), _BACK, dtype=np.uint8)
-        for n, line in enumerate(counted):
-            cv2.putText(text, line, (8, LINE_PX * (n + 1) - 4), _FONT, 0.45, _INK, 1, cv2.LINE_AA)
-        return np.vstack([self._plan(snapshot), text])
+        return np.vstack([self._plan(snapshot), below])
+
+
+def _blank(height: int, width: int) -> U8:
+    return np.full((height, width, 3), _BACK, dtype=np.uint8)
+
+
+def _write(picture: U8, text: str, bottom: int, scale: float) -> None:
+    cv2.putText(picture, text, (8, bottom), cv2.FONT_HERSHEY_SIMPLEX, scale, _INK, 1, cv2.LINE_AA)
 
 
 CODECS = {".mp4": "vp09", ".webm": "VP80", ".avi": "MJPG", ".mkv": "VP80"}
@@ -123,8 +142,9 @@ CODECS = {".mp4": "vp09", ".webm": "VP80", ".avi": "MJPG", ".mkv": "VP80"}
 
 @contextmanager
 def _silent() -> Iterator[None]:
-    """Without what libraries in C print: OpenCV does not know that .webm holds VP8, and warns of it."""
-    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    """Hide what libraries in C print: OpenCV does not know that .webm holds VP8, and warns of it."""
+    kept = os.dup(2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 2)
     try:
         yield
@@ -135,20 +155,22 @@ def _silent() -> Iterator[None]:
 
 
 def write_video(path: Path, fps: float, pictures: Iterable[U8]) -> int:
-    """Write pictures of one size into a video, which is at its place when all are written; how many there were. Raises
-    InputError: the path does not end like a video. WorkError: it cannot be written."""
+    """Write pictures of one size into a video, which is at its place when all are written, and return how many there
+    were. Raises InputError: the path does not end like a video. WorkError: it cannot be written."""
     codec = CODECS.get(path.suffix.lower())
     if codec is None:
         raise InputError(f"{path}: expected a video's name ({', '.join(CODECS)}), found {path.name!r}")
-    part, writer, count = path.with_name(f"{path.stem}{PART}{path.suffix}"), cv2.VideoWriter(), 0
+    part = path.with_name(f"{path.stem}{PART}{path.suffix}")
+    writer = cv2.VideoWriter()
+    count = 0
     try:
         for count, picture in enumerate(pictures, 1):
             if count == 1:
                 with writing(path):
                     path.parent.mkdir(parents=True, exist_ok=True)
                 with _silent():
-                    opened = writer.open(str(part), cv2.VideoWriter.fourcc(*codec), fps, picture.shape[1::-1])
-                if not opened:
+                    is_open = writer.open(str(part), cv2.VideoWriter.fourcc(*codec), fps, picture.shape[1::-1])
+                if not is_open:
                     raise WorkError(f"{path}: the video cannot be written")
             writer.write(picture)
         writer.release()
@@ -176,10 +198,10 @@ def scene_pictures_of(
 
 def write_still(composer: SceneComposer, frames: SceneFrames | None, frame: int, path: Path) -> None:
     """Write a picture of one frame; the floor alone where its image cannot be read."""
-    image = next((image for _, image in frames.at([frame])), None) if frames is not None else None
+    picture = composer(frame, None if frames is None else frames.image(frame))
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_image(path, composer(frame, image))
+        write_image(path, picture)
 
 
 class SceneFrames:
@@ -187,7 +209,12 @@ class SceneFrames:
     the boxes of tracks.csv are."""
 
     def __init__(self, recording: Recording[Any] | SeveralHeads, image_of: Callable[[Shot], U8]) -> None:
-        self._recording, self._image_of = recording, image_of
+        self._recording = recording
+        self._image_of = image_of
+
+    def image(self, frame: int) -> U8 | None:
+        """The image of a frame; None where it cannot be read."""
+        return next((image for _, image in self.at([frame])), None)
 
     def at(self, frames: Sequence[int]) -> Iterator[tuple[int, U8]]:
         """The images of ascending frames, as far as they can be read."""
@@ -196,8 +223,8 @@ class SceneFrames:
     def through(self, first: int, last: int) -> Iterator[tuple[int, U8]]:
         """All images from one frame to another, both included."""
         if last >= 0:
-            upto = takewhile(lambda frame: frame.index <= last, iter(self._recording))
-            yield from self._shown(frame for frame in upto if frame.index >= first)
+            until_last = takewhile(lambda frame: frame.index <= last, iter(self._recording))
+            yield from self._shown(frame for frame in until_last if frame.index >= first)
 
     def _shown(self, frames: Iterable[Frame[Any]]) -> Iterator[tuple[int, U8]]:
         for frame in frames:
@@ -207,10 +234,12 @@ class SceneFrames:
 
 def open_frames(run: RunFolder) -> SceneFrames:
     """Open the recording of a run again. Raises InputError: it is missing, or another version made the run."""
-    path, rig = run.recording, run.info.rig
+    path = run.recording
     if path is None or not path.exists():
         raise InputError(f"{path}: expected the recording of the run, found nothing there")
-    recording = open_source(path, run.options, rig is None or (rig.baseline_m is None and rig.depth_sensor is None))
+    rig = run.info.rig
+    is_one_camera = rig is None or (rig.baseline_m is None and rig.depth_sensor is None)
+    recording = open_source(path, run.options, is_one_camera)
     if isinstance(recording, MapsRecording):
         raise InputError(f"{path}: expected a recording with images, found plan-view maps")
     head = recording.parts[0].head
@@ -235,19 +264,24 @@ def frames_or_none(run: RunFolder, warn: Callable[[str], object]) -> SceneFrames
 def scene_of(path: Path, options: OpenOptions | None = None) -> PointCloud:
     """Points of what does not move, in the world frame of the tracks, of a run's folder or a recording of one rig.
     Raises InputError: no recording of a pair or of images with depth. WorkError: no floor is visible."""
-    config, recording, options = Config(), path, options or OpenOptions()
+    config = Config()
+    recording = path
+    options = options or OpenOptions()
     if (path / "run.json").is_file():
         run = RunFolder(path)
-        config, recording = run.config, run.recording or path
-        options = options if options.calibration else run.options
+        run.refuse_own_parts(run.info.own_parts.keys() - {"tracker"})
+        config = run.config
+        recording = run.recording or path
+        if options.calibration is None:
+            options = run.options
     if not recording.exists() or not (options.calibration or holds_pair(recording, options)):
         raise InputError(f"{recording}: expected a recording of a stereo pair or of images with depth, found none")
     opened = open_any(recording, options)
     rig = set_up(opened, config)
     depths = [rig.measure(frame.images) for frame in setup_frames(opened, config.analysis.setup_frames)]
     colours = np.median(np.stack([as_colour(depth.image) for depth in depths]), axis=0).astype(np.uint8)
-    disparity, pose = median_image([depth.disparity for depth in depths]), rig.floor.world_SE3_left
-    return point_cloud(disparity, colours, rig.geometry, pose, rig.reduction)
+    disparity = median_image([depth.disparity for depth in depths])
+    return point_cloud(disparity, colours, rig.geometry, rig.floor.world_SE3_left, rig.reduction)
 
 
 def write_cloud(path: Path, cloud: PointCloud) -> int:

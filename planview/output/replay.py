@@ -33,74 +33,105 @@ def difference_text(results: RunFolder, replayed: ReplayedRun, frame: int) -> li
     """Lines: when tracks begin to differ, people at the frame in both, and decisions that only one of them made."""
     before = _people_until(frame, results.as_tracked.tracks)
     after = _people_until(frame, replayed.results.tracks)
-    differing = sorted({frame for frame, *_ in _rows(before) ^ _rows(after)})
-    lines = [f"tracks differ from frame {differing[0]} on" if differing else "tracks are the same up to this frame"]
-    lines += _people(before.where(before.frame == frame), after.where(after.frame == frame))
-    return lines + _decisions(results.path / "decisions.csv", replayed, frame)
+    differing = [row[0] for row in _rows(before) ^ _rows(after)]
+    lines = ["tracks are the same up to this frame"]
+    if differing:
+        lines = [f"tracks differ from frame {min(differing)} on"]
+    lines += _pairs_of_people(before.where(before.frame == frame), after.where(after.frame == frame))
+    return lines + _different_decisions(results.path / "decisions.csv", replayed, frame)
 
 
 def difference_picture(
     results: RunFolder, replayed: ReplayedRun, frames: SceneFrames | None, frame: int, title: str
 ) -> U8:
     """(H, W, 3) uint8 BGR: the frame as it was tracked on top, as it is tracked now below."""
-    image = next((image for _, image in frames.at([frame])), None) if frames is not None else None
-    runs = results.as_tracked, replayed.results
-    shown = [SceneComposer(run, bounds=results.bounds())(frame, image) for run in runs]
-    width = max(picture.shape[1] for picture in shown)
-    rows = []
-    for picture, text in zip(shown, ("as it was run", title), strict=True):
-        strip: U8 = np.full((TITLE_PX, width, 3), 235, dtype=np.uint8)
-        cv2.putText(strip, text, (8, TITLE_PX - 10), cv2.FONT_HERSHEY_SIMPLEX, 0.55, (40, 40, 40), 1, cv2.LINE_AA)
-        rows += [strip, np.pad(picture, ((0, 0), (0, width - picture.shape[1]), (0, 0)), constant_values=255)]
-    return np.vstack(rows)
+    image = None if frames is None else frames.image(frame)
+    bounds = results.bounds()
+    before = SceneComposer(results.as_tracked, bounds=bounds)(frame, image)
+    after = SceneComposer(replayed.results, bounds=bounds)(frame, image)
+    width = max(before.shape[1], after.shape[1])
+    return np.vstack([_titled(before, "as it was run", width), _titled(after, title, width)])
+
+
+def _titled(picture: U8, title: str, width: int) -> U8:
+    """A picture of at least this width, with a title above it."""
+    strip: U8 = np.full((TITLE_PX, width, 3), 235, dtype=np.uint8)
+    cv2.putText(strip, title, (8, TITLE_PX - 10), cv2.FONT_HERSHEY_SIMPLEX, 0.55, (40, 40, 40), 1, cv2.LINE_AA)
+    padded = np.pad(picture, ((0, 0), (0, width - picture.shape[1]), (0, 0)), constant_values=255)
+    return np.vstack([strip, padded])
 
 
 def _people_until(frame: int, tracks: Trajectories) -> Trajectories:
     return tracks.where((tracks.frame <= frame) & (tracks.state != "tentative"))
 
 
+SAME_PLACE_M = 0.02
+"""Positions that differ by less count as the same."""
+
+
 def _rows(table: Trajectories) -> set[tuple[Any, ...]]:
-    # Positions that differ by less count as the same [m].
-    x, y = (np.round(np.nan_to_num(values, nan=-1e6) / 0.02).astype(int) for values in (table.x_m, table.y_m))
-    columns = (table.frame, table.track_id, table.state, x, y)
+    """Frame, id, state and rounded place of every row."""
+    xy = np.column_stack([table.x_m, table.y_m])
+    steps = np.round(np.nan_to_num(xy, nan=-1e6) / SAME_PLACE_M).astype(int)
+    columns = (table.frame, table.track_id, table.state, steps[:, 0], steps[:, 1])
     return set(zip(*(column.tolist() for column in columns), strict=True))
 
 
-def _people(*tables: Trajectories) -> list[str]:
+def _pairs_of_people(before: Trajectories, after: Trajectories) -> list[str]:
     """A line per person at the frame; the same person in both by place, within 0.5 m, since ids may differ."""
-    before, after = (table.where(np.isfinite(table.x_m)) for table in tables)
-    matches = clear_scores(build_sequence(before, after, floor_similarity(0.5))).matches.tolist()
+    before = before.where(np.isfinite(before.x_m))
+    after = after.where(np.isfinite(after.x_m))
+    alone_before = set(range(len(before)))
+    alone_after = set(range(len(after)))
     lines = []
-    for a, b in matches:
-        apart = math.hypot(before.x_m[a] - after.x_m[b], before.y_m[a] - after.y_m[b])
-        lines.append(f"{_described(before, a)} -> {_described(after, b)}, {100 * apart:.0f} cm apart")
-    for n, (which, known) in enumerate((("only before", before), ("only now", after))):
-        alone = set(range(len(known))) - {pair[n] for pair in matches}
-        lines += [f"{which}: {_described(known, row)}" for row in sorted(alone)]
+    for a, b in clear_scores(build_sequence(before, after, floor_similarity(0.5))).matches.tolist():
+        alone_before.discard(a)
+        alone_after.discard(b)
+        apart_m = math.hypot(before.x_m[a] - after.x_m[b], before.y_m[a] - after.y_m[b])
+        lines.append(f"{_person_text(before, a)} -> {_person_text(after, b)}, {100 * apart_m:.0f} cm apart")
+    lines += [f"only before: {_person_text(before, row)}" for row in sorted(alone_before)]
+    lines += [f"only now: {_person_text(after, row)}" for row in sorted(alone_after)]
     return lines
 
 
-def _described(table: Trajectories, row: int) -> str:
+def _person_text(table: Trajectories, row: int) -> str:
     return f"{table.track_id[row]} ({table.state[row]}, {table.x_m[row]:.2f}, {table.y_m[row]:.2f} m)"
 
 
-def _decisions(path: Path, replayed: ReplayedRun, last: int) -> list[str]:
-    """Decisions that only one of the runs made, the latest ones; none where the run kept no decisions."""
+FrameText = tuple[int, str]
+"""Frame and words of a decision."""
+
+
+def _different_decisions(path: Path, replayed: ReplayedRun, last: int) -> list[str]:
+    """Decisions up to the last frame that only one of the runs made, the latest ones."""
     if not path.is_file():
         return ["no decisions.csv to compare decisions with"]
-    with reading_decisions(path) as read:
-        rows = [
-            (int(row["frame"]), f"{row['id']} {row['kind']}: {row['reason']}")
-            for row in read
-            if row["kind"] != "matched" and int(row["frame"]) <= last
-        ]
+    before = _decisions_of(path, last)
     now = [(frame, f"{d.track_id} {d.kind}: {d.reason}") for frame, d in replayed.decisions]
-    only = [(frame, f"only before, frame {frame}: {text}") for frame, text in rows if (frame, text) not in set(now)]
-    only += [(frame, f"only now, frame {frame}: {text}") for frame, text in now if (frame, text) not in set(rows)]
-    only.sort(key=lambda item: item[0])
-    more = len(only) - DECISIONS_MAX
-    left_out = [f"{more} earlier decisions that differ are left out"] if more > 0 else []
-    return left_out + [text for _, text in only[-DECISIONS_MAX:]]
+    different = [(frame, "before", text) for frame, text in _without(before, now)]
+    different += [(frame, "now", text) for frame, text in _without(now, before)]
+    different.sort(key=lambda row: row[0])
+    lines = [f"only {run}, frame {frame}: {text}" for frame, run, text in different[-DECISIONS_MAX:]]
+    n_left_out = len(different) - len(lines)
+    if n_left_out:
+        lines.insert(0, f"{n_left_out} earlier decisions that differ are left out")
+    return lines
+
+
+def _decisions_of(path: Path, last: int) -> list[FrameText]:
+    """Decisions of a table up to the last frame, without matches."""
+    decisions = []
+    with reading_decisions(path) as rows:
+        for row in rows:
+            frame = int(row["frame"])
+            if row["kind"] != "matched" and frame <= last:
+                decisions.append((frame, f"{row['id']} {row['kind']}: {row['reason']}"))
+    return decisions
+
+
+def _without(decisions: list[FrameText], others: list[FrameText]) -> list[FrameText]:
+    known = set(others)
+    return [decision for decision in decisions if decision not in known]
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,35 +151,25 @@ def replay_run(
     recording. Raises InputError: no recording any more, or parameters that its maps exclude. WorkError: the recording
     ends before the frame."""
     path = _source(results, config)
-    _refuse_own_parts(results, path)
+    # Maps hold what a matcher and heads of the user's own measured.
+    results.refuse_own_parts(["tracker"] if is_maps(path) else results.info.own_parts)
     options = None if is_maps(path) else results.options
     camera = results.camera if isinstance(results.camera, GroundCamera) else None
     engine = open_engine(path, cast(TrackerName, results.info.tracker), config, camera, options)
-    collector, decisions, reached = TrajectoryCollector(), [], -1
+    collector = TrajectoryCollector()
+    decisions = []
+    reached = -1
     engine.reset()
-    for result in engine.after(results.info.first_frame - 1):
-        if result.frame <= frame:
-            collector.add(result.frame, result.timestamp_s, result.tracks)
-            decisions += [(result.frame, decision) for decision in result.decisions if decision.kind != "matched"]
-            if watch:
-                watch(result)
+    for result in engine.after(results.info.first_frame - 1, frame):
         reached = result.frame
-        if reached >= frame:
-            break
-    if reached < frame:
+        collector.add(result.frame, result.timestamp_s, result.tracks)
+        decisions += [(result.frame, decision) for decision in result.decisions if decision.kind != "matched"]
+        if watch:
+            watch(result)
+    could_be_read = all(skipped.index != frame for skipped in engine.recording.skipped)
+    if reached < frame and could_be_read:
         raise WorkError(f"{path}: expected frame {frame}, found the end of the recording after frame {reached}")
     return ReplayedRun(replace(results, other_tracks=collector.trajectories()), decisions, path)
-
-
-def _refuse_own_parts(results: RunFolder, path: Path) -> None:
-    """Raise InputError for parts that the user made: a folder does not keep them. Its maps hold what its matcher and
-    its heads measured."""
-    names = results.info.own_parts
-    needed = names.keys() & {"tracker"} if is_maps(path) else names.keys()
-    if needed:
-        parts = " and ".join(f"{role} {names[role]}" for role in sorted(needed))
-        kept = "" if "tracker" in needed else "; a run that also writes maps.h5 can be replayed"
-        raise InputError(f"{results.path}: tracked with your own {parts}, which the folder does not keep{kept}")
 
 
 def _source(results: RunFolder, config: Config) -> Path:

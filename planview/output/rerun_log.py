@@ -12,6 +12,7 @@ import rerun as rr
 
 from calib.errors import InputError, WorkError
 from calib.io import reason, refuse_full_disk, sync
+from calib.types import F64
 from planview.drawing.plan import bounds_of
 from planview.engine.engine import Engine, FrameResult
 from planview.output import rerun_shapes as shapes
@@ -19,22 +20,22 @@ from planview.output.folder import rrd_parts
 from planview.output.report.page import scores_of
 from planview.output.rerun_frames import RerunFrames
 from planview.output.run_folder import RunFolder
+from planview.trajectories.clock import Clock
+from planview.trajectories.table import Trajectories
+
+UNKNOWN_HEIGHT_M = 1.7
+"""Where the head of a true person is drawn whose height is not known."""
 
 
 def log_assessment(stream: rr.RecordingStream, results: RunFolder) -> None:
     """Log the truth of the recording and the errors against it, where there is one."""
-    scores = scores_of(results)
     truth = results.truth
     if truth is not None and len(truth):
-        # Points on the floor and at the heads, a row per frame; 1.7 m of a true person whose height is not known.
-        frames, counts = np.unique(truth.frame, return_counts=True)
-        heights = np.nan_to_num(truth.height_m, nan=1.7)
-        times = rr.TimeColumn("time", duration=results.clock.at(frames))
-        for path, z, radius in (("plan/truth", np.full(len(truth), 0.04), 0.06), ("world/truth", heights, 0.05)):
-            places = np.column_stack([truth.x_m, truth.y_m, z]).astype(np.float32)
-            columns = rr.Points3D.columns(positions=places).partition(counts)
-            rr.send_columns(path, [rr.TimeColumn("frame", sequence=frames), times], columns, recording=stream)
-            stream.log(path, rr.Points3D.from_fields(colors=[(255, 255, 255)], radii=[radius]), static=True)
+        floor = np.full(len(truth), 0.04)
+        heads = np.nan_to_num(truth.height_m, nan=UNKNOWN_HEIGHT_M)
+        _log_points(stream, "plan/truth", truth, results.clock, floor, 0.06)
+        _log_points(stream, "world/truth", truth, results.clock, heads, 0.05)
+    scores = scores_of(results)
     for error in () if scores is None else scores.significant:
         stream.set_time("frame", sequence=error.frame)
         stream.set_time("time", duration=float(results.clock.at(np.array([error.frame]))[0]))
@@ -42,12 +43,25 @@ def log_assessment(stream: rr.RecordingStream, results: RunFolder) -> None:
         stream.log("errors", rr.TextLog(text, level=rr.TextLogLevel.ERROR))
 
 
+def _log_points(
+    stream: rr.RecordingStream, path: str, truth: Trajectories, clock: Clock, z_m: F64, radius_m: float
+) -> None:
+    """A white point at each true person's place and at a height, a row per frame."""
+    frames, counts = np.unique(truth.frame, return_counts=True)
+    times = [rr.TimeColumn("frame", sequence=frames), rr.TimeColumn("time", duration=clock.at(frames))]
+    places = np.column_stack([truth.x_m, truth.y_m, z_m]).astype(np.float32)
+    columns = rr.Points3D.columns(positions=places).partition(counts)
+    rr.send_columns(path, times, columns, recording=stream)
+    stream.log(path, rr.Points3D.from_fields(colors=[(255, 255, 255)], radii=[radius_m]), static=True)
+
+
 def _stream(engine: Engine, name: str, flush_s: float) -> rr.RecordingStream:
-    """All files of a run belong to the same recording by its name; the viewer keeps a layout per application."""
+    """A stream whose files belong to one recording by its name; the viewer keeps a layout per application."""
     return rr.RecordingStream(
-        "planview" if engine.stereo else "planview-single", recording_id=f"planview-{name}",
+        "planview" if engine.stereo else "planview-single",
+        recording_id=f"planview-{name}",
         batcher_config=rr.ChunkBatcherConfig(flush_tick=flush_s),
-    )  # fmt: skip
+    )
 
 
 class RerunLog:
@@ -62,10 +76,13 @@ class RerunLog:
     """
 
     def __init__(self, engine: Engine, path: Path, every: int = 1, *, resumed: bool = False) -> None:
-        number = len(rrd_parts(path)) + 1 if resumed else 1
-        self._engine, self._path = engine, path if number == 1 else path.with_name(f"{path.stem}-{number}.rrd")
+        self._engine = engine
+        self._path = path
+        if resumed:
+            self._path = path.with_name(f"{path.stem}-{len(rrd_parts(path)) + 1}.rrd")
         refuse_full_disk(self._path)
-        self._every, self._count = every, 0
+        self._every = every
+        self._count = 0
         # Chunks of 10 s or 2 MB: the default is five a second of each path.
         self._stream = _stream(engine, path.parent.name, 10.0)
         self._stream.save(str(self._path))  # with a blueprint it would wait for ever on a disk without room for it
@@ -90,7 +107,8 @@ class RerunLog:
     def close(self) -> None:
         with suppress(InputError, WorkError):  # tables that cannot be read
             results = RunFolder(self._path.parent)
-            xy = np.column_stack([results.tracks.x_m, results.tracks.y_m])[results.tracks.state == "confirmed"]
+            tracks = results.tracks.where(results.tracks.state == "confirmed")
+            xy = np.column_stack([tracks.x_m, tracks.y_m])
             if np.isfinite(xy).any():
                 bounds = bounds_of(xy)
                 self._frames.keep("plan/grid", shapes.metre_grid(bounds))
@@ -107,7 +125,8 @@ class RerunLog:
             try:
                 return self._stream.flush(timeout_sec=4.0)
             except (RuntimeError, ValueError) as error:
-                before, size = size, self._path.stat().st_size
+                before = size
+                size = self._path.stat().st_size
                 if size == before:
                     # Neither the end of Python nor that of the stream, which is kept for ever, waits for the thread.
                     rr.unregister_shutdown()
@@ -133,7 +152,9 @@ class ViewerLog:
         self._stream.connect_grpc(address)
         self._stream.send_blueprint(shapes.blueprint(engine))
         self._frames = RerunFrames(engine, self._stream)
-        self._begun_s, self._images_s, self._count = time.monotonic(), 0.0, 0
+        self._begun_s = time.monotonic()
+        self._images_s = 0.0
+        self._count = 0
 
     def mark(self) -> dict[str, int]:
         return {}

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import math
 import os
 import platform
 import re
@@ -89,18 +90,19 @@ def code_version() -> str:
     """Version and digest of all code: the same tracks are promised by the same code only."""
     digest = hashlib.sha256()
     root = Path(planview.__file__).resolve().parent.parent
-    for path in sorted(path for package in ("calib", "stereo", "planview") for path in (root / package).rglob("*.py")):
+    files = [path for package in ("calib", "stereo", "planview") for path in (root / package).rglob("*.py")]
+    for path in sorted(files):
         digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
     return f"{library_versions().get('planview', 'source')}-{digest.hexdigest()[:16]}"
 
 
 def library_versions() -> dict[str, str]:
-    """Of Python, planview and the libraries that matter, as far as they are installed."""
-    found = {"python": platform.python_version()}
+    """Versions of Python, planview and the libraries that matter, as far as they are installed."""
+    versions = {"python": platform.python_version()}
     for name in ("planview", "numpy", "opencv-python-headless", "scipy", "open3d", "numba"):
         with suppress(PackageNotFoundError):  # OpenCV comes under several names
-            found[name] = version(name)
-    return found
+            versions[name] = version(name)
+    return versions
 
 
 def calibration_key(recording: Any) -> str:
@@ -128,6 +130,11 @@ def _canonical(value: object) -> object:
 
 
 _NO_CONTENT = re.compile("|".join(map(translate, ("truth.csv", "gt.txt", ".*", LOCK_NAME, *PRODUCTS))))
+IMAGES_SAMPLED = 64
+BLOCKS_SAMPLED = 16
+BLOCK_BYTES = 64 * 1024
+WHOLE_BYTES = 256 * 1024
+"""Largest file that is read whole for a digest of a recording."""
 
 
 def content_key(path: Path, files: Sequence[Path] | None = None) -> str:
@@ -138,11 +145,16 @@ def content_key(path: Path, files: Sequence[Path] | None = None) -> str:
     is not noticed. Raises InputError: no such file, or it cannot be read.
     """
     try:
-        files = sorted(_content(path)) if files is None else files
+        if files is None:
+            files = sorted(_files_in(path))
         images = [file for file in files if file.suffix.lower() in SUFFIXES]
-        left_out = set(images) - set(images[:: -(-len(images) // 64) or 1])
-        contents = [(file.stat().st_size, "" if file in left_out else _sampled(file)) for file in files]
-        return key_of([[os.path.relpath(file, path), *held] for file, held in zip(files, contents, strict=True)])
+        step = max(1, math.ceil(len(images) / IMAGES_SAMPLED))
+        left_out = set(images) - set(images[::step])
+        contents = []
+        for file in files:
+            sample = "" if file in left_out else _sample_digest(file)
+            contents.append([os.path.relpath(file, path), file.stat().st_size, sample])
+        return key_of(contents)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({reason(error)})") from error
 
@@ -152,35 +164,41 @@ def key_of(*parts: object) -> str:
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:32]
 
 
-def _content(path: Path) -> Iterator[Path]:
+def _files_in(path: Path) -> Iterator[Path]:
     """A file, or the files of a folder, in which links may lead back: each real folder counts once."""
     if path.is_file():
         yield path
     elif not path.is_dir():
         raise InputError(f"{path}: expected a recording, found no such file or folder")
-    seen: set[str] = set()
+    visited: set[str] = set()
     for parent, folders, names in os.walk(path, followlinks=True):
-        if (real := os.path.realpath(parent)) in seen:
+        place = os.path.realpath(parent)
+        if place in visited:
             folders.clear()
             continue
-        seen.add(real)
-        folders[:] = sorted(
-            name for name in folders
-            if not name.startswith(".") and not any(Path(parent, name, f).is_file() for f in ("run.json", "study.json"))
-        )  # fmt: skip
+        visited.add(place)
+        folders[:] = sorted(name for name in folders if not _holds_results(Path(parent, name)))
         for name in names:
             if not _NO_CONTENT.match(name) and Path(parent, name).is_file():
                 yield Path(parent, name)
 
 
-def _sampled(path: Path, whole_bytes: int = 256 * 1024, block_bytes: int = 64 * 1024) -> str:
+def _holds_results(folder: Path) -> bool:
+    """A hidden folder, or one of a run or a study."""
+    return folder.name.startswith(".") or (folder / "run.json").is_file() or (folder / "study.json").is_file()
+
+
+def _sample_digest(path: Path) -> str:
     """Digest of a small file, or of evenly spread blocks of a larger one, the first and the last among them."""
     size = path.stat().st_size
     digest = hashlib.sha256(str(size).encode())
     with path.open("rb") as file:
-        for block in range(16) if size > whole_bytes else (0,):
-            file.seek((size - block_bytes) * block // 15 if block else 0)
-            digest.update(file.read(block_bytes if size > whole_bytes else whole_bytes))
+        if size <= WHOLE_BYTES:
+            digest.update(file.read())
+        else:
+            for block in range(BLOCKS_SAMPLED):
+                file.seek((size - BLOCK_BYTES) * block // (BLOCKS_SAMPLED - 1))
+                digest.update(file.read(BLOCK_BYTES))
     return digest.hexdigest()
 
 
@@ -200,16 +218,18 @@ class Checkpoint(NamedTuple):
 
 def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
     """Write a checkpoint in the place of the one before. Raises WorkError: it cannot be written, and that is kept."""
-    path, archive, arrays = folder / CHECKPOINT, io.BytesIO(), dict[str, Any]()
+    arrays: dict[str, Any] = {}
 
-    def named(array: AnyArray) -> dict[str, str]:
+    def name_of(array: AnyArray) -> dict[str, str]:
         name = f"array{len(arrays)}"
         arrays[name] = array
         return {"<array>": name}
 
-    document = json.dumps(checkpoint, default=named)
+    document = json.dumps(checkpoint, default=name_of)
+    archive = io.BytesIO()
     np.savez(archive, document=np.frombuffer(document.encode(), dtype=np.uint8), **arrays)
     data = archive.getvalue()
+    path = folder / CHECKPOINT
     with writing(path), whole_file(path) as part:
         part.write_bytes(data + _digest(data))
 
@@ -222,10 +242,10 @@ def read_checkpoint(path: Path) -> Checkpoint:
         raise ValueError("not as it was written")
     with np.load(io.BytesIO(data), allow_pickle=False) as file:
 
-        def value(found: dict[str, Any]) -> Any:
-            return file[found["<array>"]] if "<array>" in found else found
+        def array_or_object(value: dict[str, Any]) -> Any:
+            return file[value["<array>"]] if "<array>" in value else value
 
-        return Checkpoint(*json.loads(file["document"].tobytes(), object_hook=value))
+        return Checkpoint(*json.loads(file["document"].tobytes(), object_hook=array_or_object))
 
 
 def _digest(data: bytes) -> bytes:
@@ -250,25 +270,39 @@ def checkpoint_of(folder: Path, identity: dict[str, Any], warn: Callable[[str], 
     """
     path = folder / CHECKPOINT
     if path.is_file():
-        try:
-            checkpoint = read_checkpoint(path)
-        except ValueError as error:
-            warn(f"{path}: the checkpoint is damaged ({error})")
-        else:
-            if other := difference(checkpoint.identity, identity):
-                raise HoldsResultsError(f"{path}: cannot resume: the checkpoint is of {other}")
-            tables = checkpoint.written["tables"].items()
-            changed = [folder / name for name, mark in tables if not is_as_marked(folder / name, *mark)]
-            if not changed:
-                return checkpoint
-            warn(f"{changed[0]}: changed since {path.name} was written")
-    found = products_in(folder)
-    if not all(path.name.endswith(PART) for path in found):  # replaced only where it is the beginning of this run
-        info = read_run_info(folder / "run.json") if folder / "run.json" in found else RunInfo()
-        begun = described(info)
-        expected = {part: {name: identity[part].get(name) for name in begun[part]} for part in begun}
-        if other := difference(begun, expected | {"part": identity["part"]}):
-            raise HoldsResultsError(f"{folder}: cannot resume: it holds the beginning of a run with {other}")
-    if found:
+        checkpoint = _usable_checkpoint(path, identity, warn)
+        if checkpoint is not None:
+            return checkpoint
+    products = products_in(folder)
+    if not all(product.name.endswith(PART) for product in products):
+        _refuse_another_beginning(folder, identity)
+    if products:
         warn(f"{folder}: no checkpoint to resume from; the run starts again")
     return None
+
+
+def _usable_checkpoint(path: Path, identity: dict[str, Any], warn: Callable[[str], None]) -> Checkpoint | None:
+    """A checkpoint, unless it is damaged or a table was changed since. Raises HoldsResultsError: of another run."""
+    try:
+        checkpoint = read_checkpoint(path)
+    except ValueError as error:
+        warn(f"{path}: the checkpoint is damaged ({error})")
+        return None
+    other = difference(checkpoint.identity, identity)
+    if other:
+        raise HoldsResultsError(f"{path}: cannot resume: the checkpoint is of {other}")
+    for name, mark in checkpoint.written["tables"].items():
+        if not is_as_marked(path.with_name(name), *mark):
+            warn(f"{path.with_name(name)}: changed since {path.name} was written")
+            return None
+    return checkpoint
+
+
+def _refuse_another_beginning(folder: Path, identity: dict[str, Any]) -> None:
+    """Raise HoldsResultsError where run.json describes another run: only the beginning of this one is replaced."""
+    file = folder / "run.json"
+    begun = described(read_run_info(file) if file.is_file() else RunInfo())
+    expected = {part: {name: identity[part].get(name) for name in begun[part]} for part in begun}
+    other = difference(begun, expected | {"part": identity["part"]})
+    if other:
+        raise HoldsResultsError(f"{folder}: cannot resume: it holds the beginning of a run with {other}")

@@ -58,25 +58,26 @@ class RunLog(Protocol):
 
 
 @contextmanager
-def noted_interrupts() -> Iterator[threading.Event]:
+def interrupt_event() -> Iterator[threading.Event]:
     """Set an event at the first SIGINT, SIGTERM or SIGHUP until the block ends, so that a run stops where that loses
     nothing; the second raises KeyboardInterrupt. Signals that are ignored (``nohup``) stay ignored, and outside of the
     main thread Python takes none."""
-    noted, before = threading.Event(), {}
+    interrupted = threading.Event()
+    handlers = {}
 
     def note(*_: object) -> None:
-        if noted.is_set():
+        if interrupted.is_set():
             raise KeyboardInterrupt
-        noted.set()
+        interrupted.set()
 
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             if signal.getsignal(number) is not signal.SIG_IGN:
-                before[number] = signal.signal(number, note)
+                handlers[number] = signal.signal(number, note)
     try:
-        yield noted
+        yield interrupted
     finally:
-        for number, handler in before.items():
+        for number, handler in handlers.items():
             signal.signal(number, handler)
 
 
@@ -176,12 +177,14 @@ class RunTotals(Carried):
     """The last jump of the clock, in words."""
 
     def take(self, result: FrameResult) -> None:
+        """Count a frame."""
         if self.frames == 0:
             self.first_s = result.timestamp_s
         elif result.timestamp_s - self.last_s > PAUSE_S:
             self.jump = jump_note(self.last_frame, result.frame, result.timestamp_s - self.last_s)
         self.frames += 1
-        self.last_frame, self.last_s = result.frame, result.timestamp_s
+        self.last_frame = result.frame
+        self.last_s = result.timestamp_s
         self.tracks += len(result.tracks)
         for track in result.tracks:
             if track.state == "confirmed":
@@ -190,7 +193,7 @@ class RunTotals(Carried):
             self.stages.setdefault(stage, deque(maxlen=TIMES_MAX)).append(duration)
 
     def remark(self, people: int) -> str:
-        """Why there are no people, or that the clock has jumped; or nothing."""
+        """Sentence on why there are no people, or on a jump of the clock; or nothing."""
         if people or not self.frames:
             return self.jump
         if not self.tracks:
@@ -213,22 +216,26 @@ class RunChecks(Carried):
     def update(self, result: FrameResult) -> None:
         """Take a frame, and refuse the recording where that is wanted and a check fails by now."""
         if self._watch is not None:
-            places = {
-                person.track_id: (person.x_m, person.y_m) for person in result.tracks if person.state == "confirmed"
-            }
+            confirmed = [person for person in result.tracks if person.state == "confirmed"]
+            places = {person.track_id: (person.x_m, person.y_m) for person in confirmed}
             self._watch.update(result.timestamp_s, result.depth, result.views[0].foreground, places)
         self._frames += 1
         if self._frames % 60 == 0:
             self.refuse()
 
     def refuse(self) -> None:
+        """Raise InputError where that is wanted and a check has failed by now."""
         if self._strict:
             refuse_unless_ok(self._all(), str(self._engine.recording.path))
 
     def warnings(self) -> list[RunWarning]:
         """The checks that failed."""
-        failed = [(check, check.value if math.isfinite(check.value) else None) for check in self._all() if not check.ok]
-        return [RunWarning(name=c.name, value=value, unit=c.unit, text=c.sentence) for c, value in failed]
+        warnings = []
+        for check in self._all():
+            if not check.ok:
+                value = check.value if math.isfinite(check.value) else None
+                warnings.append(RunWarning(name=check.name, value=value, unit=check.unit, text=check.sentence))
+        return warnings
 
     def _all(self) -> list[Check]:
         watched = [] if self._watch is None else self._watch.checks()
@@ -236,10 +243,15 @@ class RunChecks(Carried):
 
 
 class _Run:
+    """A run under way: what it has counted and seen, and what it writes."""
+
     def __init__(self, engine: Engine, folder: Path, options: RunOptions, logs: Sequence[RunLog]) -> None:
-        self._engine, self._folder, self._options = engine, folder, options
+        self._engine = engine
+        self._folder = folder
+        self._options = options
         self._logs = {type(log).__name__: log for log in logs}
-        self._totals, self._started = RunTotals(), time.monotonic()
+        self._totals = RunTotals()
+        self._started_s = time.monotonic()
         self._checks = RunChecks(engine, options.strict)
         self._carried: dict[str, Any] = {"engine": engine, "totals": self._totals, "checks": self._checks}
         if options.analytics is not None:
@@ -251,27 +263,27 @@ class _Run:
 
     def track(self, watch: Callable[[FrameResult], None] | None, checkpoint: resume.Checkpoint | None) -> None:
         """Track what is left of the recording; all files are closed at the end, whatever happens."""
-        options, recording, totals = self._options, self._engine.recording, self._totals
+        recording = self._engine.recording
         with ExitStack() as stack:
-            interrupts = stack.enter_context(noted_interrupts())
-            tables = self._opened(stack, checkpoint)
-            done = max(totals.last_frame, options.first_frame - 1)
-            for result in self._engine.after(done, options.last_frame):
+            interrupted = stack.enter_context(interrupt_event())
+            tables = self._open(stack, checkpoint)
+            done = max(self._totals.last_frame, self._options.first_frame - 1)
+            for result in self._engine.after(done, self._options.last_frame):
                 self._take(result, tables)
                 if watch:
                     watch(result)
-                self._mark_when_due(tables, interrupts.is_set())
-                if interrupts.is_set() and recording.is_live:
+                self._mark_when_due(tables, interrupted.is_set())
+                if interrupted.is_set() and recording.is_live:
                     break  # the usual end of cameras that run
-                if interrupts.is_set():
+                if interrupted.is_set():
                     raise KeyboardInterrupt
-        if totals.frames == 0:
+        if self._totals.frames == 0:
             why = f" ({recording.skipped[0].why})" if recording.skipped else ""
             raise WorkError(f"{recording.path}: none of {recording.n_frames} frames can be used{why}")
         self._checks.refuse()
 
-    def _opened(self, stack: ExitStack, checkpoint: resume.Checkpoint | None) -> RunTables:
-        """The tables of the run, which the stack closes, and its logs; everything begins, or resumes."""
+    def _open(self, stack: ExitStack, checkpoint: resume.Checkpoint | None) -> RunTables:
+        """Begin or resume everything; the stack closes the tables, which are returned, and the logs."""
         for log in self._logs.values():
             stack.callback(log.close)
         if checkpoint is not None or not (self._folder / "run.json").is_file():
@@ -288,16 +300,17 @@ class _Run:
     def _take(self, result: FrameResult, tables: RunTables) -> None:
         """Count a frame, and write what is known of it."""
         self._totals.take(result)
-        analytics = self._options.analytics
-        events = analytics.update(result.frame, result.timestamp_s, result.tracks) if analytics else ()
-        self._totals.events.extend(events)
+        events: Sequence[Event] = ()
+        if self._options.analytics is not None:
+            events = self._options.analytics.update(result.frame, result.timestamp_s, result.tracks)
+            self._totals.events.extend(events)
         tables.add(result, events)
         for log in self._logs.values():
             log.frame(result)
         self._checks.update(result)
 
     def _mark_when_due(self, tables: RunTables, is_interrupted: bool) -> None:
-        """A checkpoint after some time, or before the run ends early."""
+        """Write a checkpoint after some time, or before the run ends early."""
         now_s = time.monotonic()
         if self._mark_every_s and (is_interrupted or now_s - self._marked_s >= self._mark_every_s):
             self._marked_s = now_s
@@ -308,7 +321,7 @@ class _Run:
         """Write all that a checkpoint refers to, the checkpoint, then run.json; False where the engine has parts that
         cannot be identified, or hold what a checkpoint cannot."""
         self._totals.elapsed_s = self._elapsed_s()
-        self._started = time.monotonic()
+        self._started_s = time.monotonic()
         try:
             self._identity = self._identity or run_identity(self._engine, self._options, list(self._logs))
             state = {name: part.state() for name, part in self._carried.items()}
@@ -321,7 +334,7 @@ class _Run:
         return True
 
     def _elapsed_s(self) -> float:
-        return self._totals.elapsed_s + time.monotonic() - self._started
+        return self._totals.elapsed_s + time.monotonic() - self._started_s
 
     def end(self, finished: bool) -> RunInfo:
         """Write the end; where a run that failed has no room for it, run.json stays as it was, unfinished."""
@@ -338,24 +351,36 @@ class _Run:
         return info
 
     def _information(self, state: str) -> RunInfo:
-        totals, analytics = self._totals, self._options.analytics
+        """run.json as it is now."""
+        totals = self._totals
+        recording = self._engine.recording
         skipped = skipped_between(self._engine, self._options.first_frame, self._options.last_frame)
-        frame_s = 1 / self._engine.recording.fps
-        span, counts = Span(totals.first_s, totals.last_s + frame_s, frame_s), None
-        if analytics is not None and state != "running":
-            counts = Counts.of(analytics, totals.events, span)
-        people = int(is_person(np.array(list(totals.people.values()), dtype=np.int64), frame_s).sum())
-        # The first thousand, as run.json stays small.
-        shown = [SkippedFrame(index=s.index, why=s.why) for s in skipped[:1000]]
-        return self._info.model_copy(update={
-            "state": state, "finished": state == "finished", "elapsed_s": self._elapsed_s(),
-            "frames_read": totals.frames, "frames_skipped": len(skipped), "skipped": shown,
-            "start_s": span.start_s if totals.frames else None, "end_s": span.end_s if totals.frames else None,
+        frame_s = 1 / recording.fps
+        frames_of_people = np.array(list(totals.people.values()), dtype=np.int64)
+        people = int(is_person(frames_of_people, frame_s).sum())
+        changes: dict[str, Any] = {
+            "state": state,
+            "finished": state == "finished",
+            "elapsed_s": self._elapsed_s(),
+            "frames_read": totals.frames,
+            "frames_skipped": len(skipped),
+            "skipped": [SkippedFrame(index=frame.index, why=frame.why) for frame in skipped[:SKIPPED_SHOWN]],
             "notes": [*self._info.notes, *notes_of(self._engine.tracker)],
             "stages_ms": {stage: float(np.median(list(times))) for stage, times in totals.stages.items()},
-            "people": people, "remark": totals.remark(people), "warnings": self._checks.warnings(),
-            "counts": counts.to_json() if counts is not None else {},
-        })  # fmt: skip
+            "people": people,
+            "remark": totals.remark(people),
+            "warnings": self._checks.warnings(),
+        }
+        span = Span(totals.first_s, totals.last_s + frame_s, frame_s)
+        if totals.frames:
+            changes |= {"start_s": span.start_s, "end_s": span.end_s}
+        if self._options.analytics is not None and state != "running":
+            changes["counts"] = Counts.of(self._options.analytics, totals.events, span).to_json()
+        return self._info.model_copy(update=changes)
+
+
+SKIPPED_SHOWN = 1000
+"""Skipped frames that run.json names at most, so that it stays small."""
 
 
 def skipped_between(engine: Engine, first: int, last: int | None) -> list[Skipped]:

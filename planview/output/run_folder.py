@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -37,9 +38,14 @@ TRACKS_BEFORE = "tracks_before.csv"
 """Tracks without any edit, once they are edited."""
 
 
+CAMERA_REACH = 0.6
+"""Share of the size of the floor that people used, within which a camera is shown with it: one far from them would make
+everything small."""
+
+
 @dataclass(frozen=True, eq=False)
 class RunFolder:
-    """What a run left in its folder; a part is read, or refused with InputError, when it is first used.
+    """Results of a run in its folder; a part is read, or refused with InputError, when it is first used.
 
     Args:
         path: of the folder.
@@ -54,9 +60,12 @@ class RunFolder:
     @staticmethod
     def around(path: Path) -> RunFolder | None:
         """The run of a folder or of a file of its tracks; None for other tracks."""
-        folder = path if path.is_dir() else path.parent
-        named = path.is_dir() or path.name in ("tracks.csv", TRACKS_ONLINE, TRACKS_BEFORE)
-        return RunFolder(folder) if named and (folder / "run.json").is_file() else None
+        folder = path
+        if not path.is_dir():
+            if path.name not in ("tracks.csv", TRACKS_ONLINE, TRACKS_BEFORE):
+                return None
+            folder = path.parent
+        return RunFolder(folder) if (folder / "run.json").is_file() else None
 
     def read_all(self) -> RunFolder:
         """Itself; raises InputError for any part that cannot be read."""
@@ -94,10 +103,12 @@ class RunFolder:
         """The run with the tracks that the tracker wrote, before they were refined and edited."""
         if self.other_tracks is not None:
             return self
-        file = self.path / TRACKS_BEFORE
         if self.info.refined:
-            file = self.path / TRACKS_ONLINE
-        return replace(self, other_tracks=read_tracks(file)) if self.info.refined or file.is_file() else self
+            return replace(self, other_tracks=read_tracks(self.path / TRACKS_ONLINE))
+        before_edits = self.path / TRACKS_BEFORE
+        if before_edits.is_file():
+            return replace(self, other_tracks=read_tracks(before_edits))
+        return self
 
     @cached_property
     def events(self) -> list[Event]:
@@ -121,6 +132,14 @@ class RunFolder:
             info = read_run_info(path.parent / "run.json")
         return info
 
+    def refuse_own_parts(self, roles: Iterable[str]) -> None:
+        """Raise InputError for parts that the user made and that are needed: a folder does not keep them."""
+        names = [f"{role} {self.info.own_parts[role]}" for role in roles if role in self.info.own_parts]
+        if names:
+            raise InputError(
+                f"{self.path}: tracked with your own {' and '.join(names)}, which the folder does not keep"
+            )
+
     @property
     def recording(self) -> Path | None:
         """The recording with the images, as far as it is known."""
@@ -139,8 +158,10 @@ class RunFolder:
     @property
     def truth_file(self) -> Path | None:
         """The file of the true people; None where there is none."""
-        found = self.recording / "truth.csv" if self.recording is not None else None
-        return self.truth_path or (found if found is not None and found.is_file() else None)
+        if self.truth_path is not None or self.recording is None:
+            return self.truth_path
+        file = self.recording / "truth.csv"
+        return file if file.is_file() else None
 
     @cached_property
     def truth(self) -> Trajectories | None:
@@ -153,9 +174,12 @@ class RunFolder:
     @cached_property
     def camera(self) -> FloorCamera | None:
         """The camera in whose pixels the boxes are, above the floor; None where run.json does not hold it."""
-        rig, floor = self.info.rig, self.info.floor
+        rig = self.info.rig
+        floor = self.info.floor
+        if rig is None or floor is None:
+            return None
         try:
-            return None if rig is None or floor is None else camera_of(rig, floor)
+            return camera_of(rig, floor)
         except ValueError as error:
             raise InputError(f"{self.path / 'run.json'}: expected a camera above the floor: {error}") from error
 
@@ -239,24 +263,23 @@ class RunFolder:
 
     def bounds(self) -> PlanBounds:
         """Where people were, the rules, and cameras that are not far from them."""
-        tracks, known = self.tracks, self.tracks.state != "tentative"
-        places = [
-            np.column_stack([tracks.x_m[known], tracks.y_m[known]]),
-            *(rule.points for rule in self.rules if rule.on_floor),
-        ]
+        people = self.tracks.where(self.tracks.state != "tentative")
+        places = [np.column_stack([people.x_m, people.y_m])]
+        places += [rule.points for rule in self.rules if rule.on_floor]
         bounds = bounds_of(*places)
-        # Cameras within this share of the size of the floor that people used are shown with it: a camera far from them
-        # would make everything small.
-        reach = 0.6 * max(bounds.x_max_m - bounds.x_min_m, bounds.y_max_m - bounds.y_min_m)
+        reach_m = CAMERA_REACH * max(bounds.x_max_m - bounds.x_min_m, bounds.y_max_m - bounds.y_min_m)
         for (x, y), _ in self.cameras:
-            beyond = max(bounds.x_min_m - x, x - bounds.x_max_m, bounds.y_min_m - y, y - bounds.y_max_m)
-            places += [np.array([(x, y)])] if beyond <= reach else []
+            beyond_m = max(bounds.x_min_m - x, x - bounds.x_max_m, bounds.y_min_m - y, y - bounds.y_max_m)
+            if beyond_m <= reach_m:
+                places.append(np.array([(x, y)]))
         return bounds_of(*places)
 
 
 def _recording_of(info: RunInfo) -> Path | None:
-    known = Path(info.recording)
-    return known if info.recording and known.exists() else Path(info.input) if info.input else None
+    """The recording of a run where it was, else as it was given."""
+    if info.recording and Path(info.recording).exists():
+        return Path(info.recording)
+    return Path(info.input) if info.input else None
 
 
 def read_object(path: Path) -> dict[str, Any]:

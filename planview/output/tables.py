@@ -37,7 +37,8 @@ class FrameFile:
     """
 
     def __init__(self, path: Path, write_header: Callable[[IO[str]], object], size: int | None = None) -> None:
-        self.path, self._size = path, size or 0
+        self.path = path
+        self._size = size or 0
         with writing(path):
             self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT, 0o644)
             self._cut()
@@ -66,9 +67,10 @@ class FrameFile:
         data = text.getvalue().encode()
         with writing(self.path, KEPT_NOTE):
             try:
-                left = data
-                while left:
-                    left = left[os.write(self._descriptor, left) :]
+                rest = data
+                while rest:
+                    written = os.write(self._descriptor, rest)
+                    rest = rest[written:]
             except BaseException:
                 self._cut()
                 raise
@@ -109,25 +111,29 @@ class RunTables:
     """The tables of a run; ``events``: with those of rules; ``marks``: by file name, to resume from."""
 
     def __init__(self, folder: Path, events: bool, marks: Mapping[str, tuple[int, str]] | None = None) -> None:
-        self._files: dict[str, FrameFile] = {}
         headers: dict[str, Callable[[IO[str]], object]] = {
             "tracks.csv": write_header,
             "decisions.csv": lambda file: file.write(",".join(DECISION_COLUMNS) + "\n"),
         }
-        headers |= {"events.csv": write_event_header} if events else {}
+        if events:
+            headers["events.csv"] = write_event_header
+        self._files: dict[str, FrameFile] = {}
         for name, header in headers.items():
-            self._files[name] = FrameFile(folder / name, header, marks[name][0] if marks else None)
+            size = None if marks is None else marks[name][0]
+            self._files[name] = FrameFile(folder / name, header, size)
 
     def add(self, result: FrameResult, events: Sequence[Event]) -> None:
-        frame, moment = result.frame, result.timestamp_s
-        self._files["tracks.csv"].add(lambda file: write_rows(file, frame, moment, result.tracks))
+        """Append the rows of a frame."""
+        tracks = self._files["tracks.csv"]
+        tracks.add(lambda file: write_rows(file, result.frame, result.timestamp_s, result.tracks))
         if "events.csv" in self._files:
             self._files["events.csv"].add(lambda file: write_event_rows(file, events))
-        rows = [
-            [frame, f"{moment:.4f}", d.track_id, d.kind, d.reason]
-            + ["" if math.isnan(value) else f"{value:.4f}" for value in (d.value, *d.terms)]
-            for d in result.decisions
-        ]
+        rows = []
+        for decision in result.decisions:
+            numbers = (decision.value, *decision.terms)
+            texts = ["" if math.isnan(number) else f"{number:.4f}" for number in numbers]
+            begin = [result.frame, f"{result.timestamp_s:.4f}", decision.track_id, decision.kind, decision.reason]
+            rows.append(begin + texts)
         self._files["decisions.csv"].add(lambda file: csv.writer(file, lineterminator="\n").writerows(rows))
 
     def mark(self) -> dict[str, tuple[int, str]]:
@@ -162,21 +168,32 @@ class MapsLog:
 
     def __init__(self, engine: Engine, path: Path, position: Mapping[str, int] | None = None) -> None:
         refuse_unrecorded(engine)
-        self._recording, self._path = engine.recording, path
+        self._recording = engine.recording
+        self._path = path
         self._open_path = path.with_name(path.name + PART)
         head = RecordedViews(engine.rigs[engine.heads[0].name], engine.config.model_dump_json())
         self._new_writer = partial(MapsWriter, head=head, fps=engine.recording.fps)
-        self._parts = 0 if position is None else position["parts"]
-        kept = self._part_paths
-        for missing in (part for part in kept if not part.is_file()):
-            raise InputError(f"{missing}: expected the points before the checkpoint, found no file")
-        for part in set(path.parent.glob(f"{path.stem}-[0-9]*.h5")) - set(kept) if position else ():
-            part.unlink()
+        self._parts = 0
+        if position is not None:
+            self._resume(position["parts"])
         self._writer: MapsWriter | None = self._new_writer(self._open_path)
 
+    def _resume(self, parts: int) -> None:
+        """Continue after so many files, and remove those that were written after them."""
+        self._parts = parts
+        kept = self._part_paths
+        for part in kept:
+            if not part.is_file():
+                raise InputError(f"{part}: expected the points before the checkpoint, found no file")
+        for part in self._path.parent.glob(f"{self._path.stem}-[0-9]*.h5"):
+            if part not in kept:
+                part.unlink()
+
     def frame(self, result: FrameResult) -> None:
-        self._writer = self._writer or self._new_writer(self._open_path)
-        self._writer.add(Frame(result.frame, result.timestamp_s, (RecordedPoints.of(result.views[0]),)))
+        if self._writer is None:
+            self._writer = self._new_writer(self._open_path)
+        points = RecordedPoints.of(result.views[0])
+        self._writer.add(Frame(result.frame, result.timestamp_s, (points,)))
 
     def mark(self) -> dict[str, int]:
         self._end_part()
@@ -205,7 +222,8 @@ class MapsLog:
 
     def _end(self, path: Path, skipped: Sequence[Skipped] = ()) -> None:
         """Give the file under way its name."""
-        writer, self._writer = self._writer, None
+        writer = self._writer
+        self._writer = None
         if writer is not None:
             writer.close(skipped)
             sync(self._open_path)

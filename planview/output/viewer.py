@@ -22,8 +22,9 @@ if TYPE_CHECKING:
     from planview.engine.engine import Engine, FrameResult
     from planview.output.rerun_log import ViewerLog
 
-PORT, WEB_PORT = 9876, 9090
-"""Where rerun's programs look for data and for the page."""
+PORT = 9876
+WEB_PORT = 9090
+"""Ports at which rerun's programs look for data and for the page."""
 
 
 class Viewer:
@@ -47,7 +48,8 @@ class Viewer:
     ) -> None:
         program = Path(sysconfig.get_path("scripts")) / "rerun"
         command = [str(program), "--bind", "127.0.0.1", "--port", str(port)]
-        self.data, self.page = f"rerun+http://127.0.0.1:{port}/proxy", ""
+        self.data = f"rerun+http://127.0.0.1:{port}/proxy"
+        self.page = ""
         if web:
             command += ["--serve-web", "--web-viewer-port", str(web_port), "--server-memory-limit", "75%"]
             self.page = f"http://127.0.0.1:{web_port}/?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{port}%2Fproxy"
@@ -136,12 +138,12 @@ class LiveViewer:
 
 
 def in_notebook() -> bool:
-    """Whether this program is the kernel of a notebook."""
+    """True where this program is the kernel of a notebook."""
     return "ipykernel" in sys.modules and "IPython" in sys.modules
 
 
 def has_display() -> bool:
-    """Whether a window can be opened here."""
+    """True where a window can be opened."""
     return sys.platform in ("darwin", "win32") or any(os.environ.get(k) for k in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
@@ -156,4 +158,6 @@ def free_port(usual: int) -> int:
 
 def quiet_environment() -> dict[str, str]:
     """Variables under which rerun's programs send no usage statistics: they send none where ``CI`` is set."""
-    return {**{k: v for k, v in os.environ.items() if k != "FORCE_RERUN_ANALYTICS"}, "CI": "1"}
+    environment = {**os.environ, "CI": "1"}
+    environment.pop("FORCE_RERUN_ANALYTICS", None)
+    return environment

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,10 @@ import numpy as np
 from pydantic import JsonValue
 
 from calib.errors import InputError, WorkError
-from calib.types import I64
+from calib.types import F64
 from planview.counting.events import way_words
 from planview.drawing.style import page_of
+from planview.engine.info import CameraInfo, FloorInfo
 from planview.evaluation.result import LABELS, Evaluation
 from planview.output.folder import RunInfo, write_result
 from planview.output.report import plots
@@ -21,13 +23,16 @@ from planview.output.report.plots import Picture, picture
 from planview.output.report.snapshots import ERRORS_MAX, read_decision_log, scene_pictures
 from planview.output.run_folder import RunFolder
 from planview.trajectories.plot import person_hex
+from planview.trajectories.table import Trajectories
+
+SCORED_ROWS_MAX = 60_000
+"""Rows of tracks and truth up to which they are scored: more would take longer than the page."""
 
 
 def scores_of(results: RunFolder) -> Evaluation | None:
     """The scores of the frames that were tracked; None without truth."""
     truth = results.truth
-    # Scoring a longer run takes longer than the page.
-    if truth is None or not results.has_run or len(results.tracks) + len(truth) > 60_000:
+    if truth is None or not results.has_run or len(results.tracks) + len(truth) > SCORED_ROWS_MAX:
         return None
     try:
         return results.evaluated()
@@ -57,21 +62,34 @@ def write_report(folder: Path, truth: Path | None = None) -> Path:
         WorkError: the page cannot be written.
     """
     results = RunFolder(folder, truth).read_all()
+    info = results.info
     scores = scores_of(results)
     errors = () if scores is None else scores.significant
     evaluation = {} if scores is None else scores.to_json()
-    info, ids = results.info, results.people[:PEOPLE_MAX]
-    logs = read_decision_log(results.path / "decisions.csv", set(ids.tolist()))
+    recorded_s = 0.0
+    if results.n_frames:
+        recorded_s = results.clock.span(results.n_frames).duration_s
     page = page_of(
-        "planview.output.report", "report.html.j2", run=results, info=info,
+        "planview.output.report",
+        "report.html.j2",
+        run=results,
+        info=info,
         title=Path(info.input).name or results.path.resolve().name,
-        recorded_s=results.clock.span(results.n_frames).duration_s if results.n_frames else 0.0,
-        scenes=scene_pictures(results, errors), identities=plots.identity_pictures(results, errors),
-        pictures=_pictures(results), figures=_figures, evaluation=evaluation, scores=evaluation_rows(evaluation),
-        errors=errors, errors_max=ERRORS_MAX, n_people=len(results.people), people=_people(results, ids, logs),
-        camera=_camera_rows(info), stages={stage: ms for stage, ms in info.stages_ms.items() if ms is not None},
+        recorded_s=recorded_s,
+        scenes=scene_pictures(results, errors),
+        identities=plots.identity_pictures(results, errors),
+        pictures=_pictures(results),
+        figures=_figures,
+        evaluation=evaluation,
+        scores=evaluation_rows(evaluation),
+        errors=errors,
+        errors_max=ERRORS_MAX,
+        n_people=len(results.people),
+        people=_people(results),
+        camera=_camera_rows(info),
+        stages={stage: ms for stage, ms in info.stages_ms.items() if ms is not None},
         settings=changed_settings(info.config),
-    )  # fmt: skip
+    )
     path = folder / "report.html"
     write_result(path, page)
     return path
@@ -112,53 +130,81 @@ def _pictures(results: RunFolder) -> list[Picture]:
     return pictures
 
 
-def _people(run: RunFolder, ids: I64, logs: dict[int, dict[str, Any]]) -> list[dict[str, Any]]:
-    """Of confirmed people, their colour and decisions, times [s], way [m], mean speed [m/s], median height [m]; empty
-    where unknown."""
-    rows, confirmed = [], run.tracks.where(run.of_people)
-    for track_id in ids.tolist():
+def _people(run: RunFolder) -> list[dict[str, Any]]:
+    """Colour, decisions, times [s], way [m], mean speed [m/s] and median height [m] of people; empty where unknown."""
+    ids = run.people[:PEOPLE_MAX].tolist()
+    logs = read_decision_log(run.path / "decisions.csv", set(ids))
+    confirmed = run.tracks.where(run.of_people)
+    rows = []
+    for track_id in ids:
         person = confirmed.where(confirmed.track_id == track_id)
-        when = run.clock.at(person.frame)
-        # From places half a second apart, so that noise does not add up.
-        picked = np.concatenate([[True], np.diff(np.floor((when - when[0]) / 0.5)) > 0])
-        way = float(np.hypot(np.diff(person.x_m[picked]), np.diff(person.y_m[picked])).sum())
-        span = float(when[-1] - when[0])
-        known = person.height_m[np.isfinite(person.height_m)]
+        times_s = run.clock.at(person.frame)
+        span_s = float(times_s[-1] - times_s[0])
+        way_m = _way_m(person, times_s)
+        speed = way_m / span_s if span_s > 0 else math.nan
+        heights_m = person.height_m[np.isfinite(person.height_m)]
+        height_m = float(np.median(heights_m)) if len(heights_m) else math.nan
         rows.append({
-            "track_id": track_id, "colour": person_hex(track_id), "decisions": logs.get(track_id),
-            "first": f"{when[0]:.1f}", "last": f"{when[-1]:.1f}",
+            "track_id": track_id,
+            "colour": person_hex(track_id),
+            "decisions": logs.get(track_id),
+            "first": f"{times_s[0]:.1f}",
+            "last": f"{times_s[-1]:.1f}",
             "observed": f"{len(person) * run.clock.frame_s:.1f}",
-            "way": f"{way:.1f}" if np.isfinite(way) else "",
-            "speed": f"{way / span:.2f}" if span > 0 and np.isfinite(way) else "",
-            "height": f"{np.median(known):.2f}" if len(known) else "",
+            "way": _known(way_m, ".1f"),
+            "speed": _known(speed, ".2f"),
+            "height": _known(height_m, ".2f"),
         })  # fmt: skip
     return rows
 
 
+def _way_m(person: Trajectories, times_s: F64) -> float:
+    """Length of a person's way over places half a second apart, so that noise does not add up."""
+    begins = np.diff(np.floor((times_s - times_s[0]) / 0.5)) > 0
+    places = person.where(np.concatenate([[True], begins]))
+    return float(np.hypot(np.diff(places.x_m), np.diff(places.y_m)).sum())
+
+
+def _known(value: float, form: str) -> str:
+    """A number as text; empty where it is NaN."""
+    return "" if math.isnan(value) else format(value, form)
+
+
 def _figures(values: dict[str, Any]) -> list[Figure]:
-    return [(words_of(k), figure_text(v)) for k, v in values.items() if isinstance(v, int | float)]
+    return [(words_of(name), figure_text(value)) for name, value in values.items() if isinstance(value, int | float)]
 
 
 def evaluation_rows(evaluation: dict[str, Any]) -> list[Figure]:
     """The scores of an evaluation, ready to print."""
-    known = {k: v for k, v in evaluation.items() if k != "alignment" and (v is None or isinstance(v, int | float))}
-    rows = [(LABELS.get(k) or words_of(k), v) for k, v in known.items()]
+    rows: list[tuple[str, object]] = []
+    for name, value in evaluation.items():
+        if name != "alignment" and (value is None or isinstance(value, int | float)):
+            rows.append((LABELS.get(name) or words_of(name), value))
     for people, facing in evaluation.get("facing", {}).items():
-        rows.append((f"facing of {people}: share shown with an arrow", facing["sure_share"]))
-        rows.append((f"facing of {people}: share of these not back to front", facing["sure_right_share"]))
-        rows.append((f"facing of {people}: median difference of these [deg]", facing["median_deg"]))
-        rows.append((f"facing of {people}: with front and back alike [deg]", facing["median_modulo_180_deg"]))
-    errors = evaluation.get("significant_errors") or {}
-    rows += [(f"significant errors, {words_of(k)}", v) for k, v in errors.items()]
+        title = f"facing of {people}:"
+        rows.append((f"{title} share shown with an arrow", facing["sure_share"]))
+        rows.append((f"{title} share of these not back to front", facing["sure_right_share"]))
+        rows.append((f"{title} median difference of these [deg]", facing["median_deg"]))
+        rows.append((f"{title} with front and back alike [deg]", facing["median_modulo_180_deg"]))
+    for kind, count in evaluation.get("significant_errors", {}).items():
+        rows.append((f"significant errors, {words_of(kind)}", count))
     return [(name, figure_text(value)) for name, value in rows]
 
 
 def _camera_rows(info: RunInfo) -> list[Figure]:
-    cameras = (info.rig.heads or [info.rig]) if info.rig is not None else []
-    heads = [f"{camera.name}: " if camera.name else "" for camera in cameras]
-    parts = [*zip(heads, cameras, strict=True), *([("", info.floor)] if info.floor is not None else [])]
-    values = [(head + words_of(n), v) for head, part in parts for n, v in part.model_dump(exclude=_NOT_SHOWN).items()]
-    return [(name, figure_text(value)) for name, value in values if value is not None]
+    """Figures of the camera, or of those of several heads, and of the floor."""
+    parts: list[tuple[str, CameraInfo | FloorInfo]] = []
+    if info.rig is not None:
+        for camera in info.rig.heads or [info.rig]:
+            parts.append((f"{camera.name}: " if camera.name else "", camera))
+    if info.floor is not None:
+        parts.append(("", info.floor))
+    rows = []
+    for owner, part in parts:
+        for name, value in part.model_dump(exclude=_NOT_SHOWN).items():
+            if value is not None:
+                rows.append((owner + words_of(name), figure_text(value)))
+    return rows
 
 
 def changed_settings(config: dict[str, JsonValue]) -> list[tuple[str, str, str]]:
@@ -166,35 +212,48 @@ def changed_settings(config: dict[str, JsonValue]) -> list[tuple[str, str, str]]
     from planview.engine.config import Config  # takes 2 s and 80 MB
 
     before = flat_settings(Config().model_dump(mode="json"))
-    changed = {name: value for name, value in flat_settings(config).items() if value != before.get(name)}
-    return [(name, figure_text(value), figure_text(before.get(name))) for name, value in changed.items()]
+    rows = []
+    for name, value in flat_settings(config).items():
+        if value != before.get(name):
+            rows.append((name, figure_text(value), figure_text(before.get(name))))
+    return rows
+
+
+_GIVEN: Any = {
+    "recording": True, "opened": True, "fps": True, "first_frame": True, "frames_read": True, "tracker": True,
+    "own_parts": True, "refined": True, "versions": True, "config": True,
+    "rig": {"calibration", "focal_px", "baseline_m", "lens"},
+}  # fmt: skip
+"""Fields of run.json that runs were given."""
 
 
 def differing_settings(runs: Sequence[RunInfo]) -> list[tuple[str, list[str]]]:
     """Names of what runs were given and differs between them, with the value of each run, ready to print."""
-    names = (
-        "recording", "opened", "fps", "first_frame", "frames_read", "tracker", "own_parts", "refined", "versions",
-        "config",
-    )  # fmt: skip
-    given: dict[str, Any] = {**dict.fromkeys(names, True), "rig": {"calibration", "focal_px", "baseline_m", "lens"}}
-    tables = [flat_settings(run.model_dump(mode="json", include=given)) for run in runs]
-    rows: list[tuple[str, list[str]]] = []
-    for name in dict.fromkeys(name for table in tables for name in table):
+    tables = [flat_settings(run.model_dump(mode="json", include=_GIVEN)) for run in runs]
+    names = dict.fromkeys(name for table in tables for name in table)
+    rows = []
+    for name in names:
         values = [table.get(name) for table in tables]
         if any(value != values[0] for value in values):
-            # All digits only where fewer would look the same.
-            short = [f"{value:.5g}" if isinstance(value, float) else str(value) for value in values]
-            texts = short if len(set(short)) > 1 else list(map(str, values))
-            shown = ["-" if value is None else text for value, text in zip(values, texts, strict=True)]
-            rows.append((name.removeprefix("config."), shown))
+            rows.append((name.removeprefix("config."), _distinct_texts(values)))
     return rows
+
+
+def _distinct_texts(values: Sequence[JsonValue]) -> list[str]:
+    """Values as text: "-" for none, and numbers with all digits only where fewer would look the same."""
+    short = [f"{value:.5g}" if isinstance(value, float) else str(value) for value in values]
+    texts = short if len(set(short)) > 1 else list(map(str, values))
+    return ["-" if value is None else text for value, text in zip(values, texts, strict=True)]
 
 
 def flat_settings(config: dict[str, JsonValue], prefix: str = "") -> dict[str, JsonValue]:
     """Values by their dotted names."""
     flat: dict[str, JsonValue] = {}
     for key, value in config.items():
-        flat |= flat_settings(value, f"{prefix}{key}.") if isinstance(value, dict) else {prefix + key: value}
+        if isinstance(value, dict):
+            flat |= flat_settings(value, f"{prefix}{key}.")
+        else:
+            flat[prefix + key] = value
     return flat
 
 

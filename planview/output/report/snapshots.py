@@ -40,24 +40,31 @@ def read_decision_log(path: Path, people: set[int]) -> dict[int, dict[str, Any]]
     and ``scores``, the matches in one sentence. Raises InputError: not a table of decisions."""
     if not path.is_file():
         return {}
-    decided: dict[int, tuple[list[tuple[str, ...]], list[list[float]]]] = {}
+    events: dict[int, list[tuple[str, ...]]] = {}
+    matches: dict[int, list[list[float]]] = {}
     with reading_decisions(path) as rows:
         for row in rows:
-            if (person := int(row["id"])) in people:
-                events, scores = decided.setdefault(person, ([], []))
-                if row["kind"] == "matched":
-                    scores.append([float(row.get(name) or "nan") for name in ("frame", "value", *TERMS)])
-                else:
-                    events.append((row["frame"], f"{float(row['timestamp_s']):.2f}", row["kind"], row["reason"]))
+            person = int(row["id"])
+            if person not in people:
+                continue
+            events.setdefault(person, [])
+            if row["kind"] == "matched":
+                scores = [float(row.get(name) or "nan") for name in ("frame", "value", *TERMS)]
+                matches.setdefault(person, []).append(scores)
+            else:
+                events[person].append((row["frame"], f"{float(row['timestamp_s']):.2f}", row["kind"], row["reason"]))
     logs: dict[int, dict[str, Any]] = {}
-    for person, (events, scores) in decided.items():
-        shown = [*events[: EVENTS_MAX - 10], *events[-10:]] if len(events) > EVENTS_MAX else events
-        words = _sentence(np.array(scores, dtype=np.float64).reshape(-1, 2 + len(TERMS)))
-        logs[person] = {"events": shown, "more": len(events) - len(shown), "scores": words}
+    for person, all_events in events.items():
+        shown = all_events
+        if len(all_events) > EVENTS_MAX:
+            shown = [*all_events[: EVENTS_MAX - 10], *all_events[-10:]]
+        scores_text = _matches_text(np.array(matches.get(person, []), dtype=np.float64).reshape(-1, 2 + len(TERMS)))
+        logs[person] = {"events": shown, "more": len(all_events) - len(shown), "scores": scores_text}
     return logs
 
 
-def _sentence(matched: F64) -> str:
+def _matches_text(matched: F64) -> str:
+    """A sentence on frames, scores and terms (N, 2 + terms) of matches."""
     matches = matched[np.isfinite(matched[:, 1])]
     if not len(matches):
         return f"matched in {len(matched)} frames" if len(matched) else ""
@@ -66,8 +73,10 @@ def _sentence(matched: F64) -> str:
         f"matched in {len(matches)} frames, {matches[0, 0]:.0f} to {matches[-1, 0]:.0f}; median score "
         f"{np.median(matches[:, 1]):.2f}, worst {worst[1]:.2f} in frame {worst[0]:.0f}"
     )
-    if np.isfinite(worst[2:]).all():
-        text += " (" + ", ".join(f"{name} {value:.2f}" for name, value in zip(TERMS, worst[2:], strict=True)) + ")"
+    terms = worst[2:]
+    if np.isfinite(terms).all():
+        named = [f"{name} {value:.2f}" for name, value in zip(TERMS, terms, strict=True)]
+        text += f" ({', '.join(named)})"
     return text
 
 
@@ -75,7 +84,10 @@ ERRORS_MAX = 12
 """Pictures of errors at most, as of crossings: a page stays small enough for a phone."""
 STRIP_S = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """Frames of a strip, around the beginning of an error [s]."""
-TILE_PX, QUALITY = 260, 78
+TILE_PX = 260
+GAP_PX = 4
+JPEG_QUALITY = 78
+TRAIL_S = 4.0
 SPREAD = 3
 """Pictures spread over the run besides the busiest frame."""
 
@@ -86,7 +98,8 @@ class _Request(NamedTuple):
     title: str
     note: str
     frames: tuple[int, ...]
-    focus: tuple[int | None, int | None] | None = None  # ids of truth and track; None: the whole image
+    error: SignificantError | None = None
+    """Whose person the tiles show; None for the whole image."""
 
 
 class ScenePictures(NamedTuple):
@@ -104,51 +117,65 @@ def scene_pictures(results: RunFolder, errors: Sequence[SignificantError]) -> Sc
         return ScenePictures([], [], [])
     from planview.output.render import open_frames
 
-    groups = _overview(results), _strips(results, errors), _crossings(results)
+    overview = _overview(results)
+    strips = _strips(results, errors)
+    crossings = _crossings(results)
     try:
-        made = iter(_paint(results, open_frames(results), [request for group in groups for request in group]))
+        pictures = iter(_paint(results, open_frames(results), [*overview, *strips, *crossings]))
     except (InputError, WorkError) as error:
         return ScenePictures([], [], [], f"No pictures of the scene: {error}.")
-    overview, strips, crossings = ([p for p in islice(made, len(group)) if p is not None] for group in groups)
-    return ScenePictures(overview, strips, crossings)
+    groups = []
+    for requests in (overview, strips, crossings):
+        group = islice(pictures, len(requests))
+        groups.append([shown for shown in group if shown is not None])
+    return ScenePictures(groups[0], groups[1], groups[2])
 
 
 def busiest_frame(results: RunFolder) -> int | None:
     """The frame in the middle of the longest stretch with the most people; None without people."""
-    found, counts = np.unique(results.tracks.frame[results.of_people], return_counts=True)
-    if not len(found):
+    frames, counts = np.unique(results.tracks.frame[results.of_people], return_counts=True)
+    if not len(frames):
         return None
-    most = found[counts == counts.max()]
-    longest = max(np.split(most, np.flatnonzero(np.diff(most) > 1) + 1), key=len)
+    busiest = frames[counts == counts.max()]
+    stretches = np.split(busiest, np.flatnonzero(np.diff(busiest) > 1) + 1)
+    longest = max(stretches, key=len)
     return int(longest[len(longest) // 2])
 
 
 def _overview(results: RunFolder) -> list[_Request]:
+    """The busiest frame, and some spread over those with people."""
     busiest = busiest_frame(results)
     if busiest is None:
         return []
+    requests = [_Request("Busiest frame", _when(results, busiest), (busiest,))]
     peopled = np.unique(results.tracks.frame[results.of_people])
-    spread = [int(peopled[len(peopled) * part // (SPREAD + 1)]) for part in range(1, SPREAD + 1)]
-    titles = [("Busiest frame", busiest), *(("", frame) for frame in spread)]
-    return [_Request(title, _when(results, frame), (frame,)) for title, frame in titles]
+    for part in range(1, SPREAD + 1):
+        frame = int(peopled[len(peopled) * part // (SPREAD + 1)])
+        requests.append(_Request("", _when(results, frame), (frame,)))
+    return requests
 
 
 def _strips(results: RunFolder, errors: Sequence[SignificantError]) -> list[_Request]:
-    requests, last = [], max(0, results.n_frames - 1)
+    """Frames around the beginnings of errors."""
+    last = max(0, results.n_frames - 1)
+    requests = []
     for error in errors[:ERRORS_MAX]:
-        frames = tuple(min(max(error.frame + round(s / results.clock.frame_s), 0), last) for s in STRIP_S)
-        title, note = f"{error.kind.replace('_', ' ')}: {error.who}", f"{_when(results, error.frame)}: {error.note}"
-        requests.append(_Request(title, note, frames, (error.truth_id, error.track_id)))
+        frames = [error.frame + round(offset_s / results.clock.frame_s) for offset_s in STRIP_S]
+        title = f"{error.kind.replace('_', ' ')}: {error.who}"
+        note = f"{_when(results, error.frame)}: {error.note}"
+        requests.append(_Request(title, note, tuple(min(max(frame, 0), last) for frame in frames), error))
     return requests
 
 
 def _crossings(results: RunFolder) -> list[_Request]:
-    events = [event for event in results.events if event.kind == "crossing"]
-    spread = np.unique(np.linspace(0, len(events) - 1, min(len(events), ERRORS_MAX)).round().astype(int))
+    """Frames of crossings, spread over all of them."""
+    crossings = [event for event in results.events if event.kind == "crossing"]
+    spread = np.linspace(0, len(crossings) - 1, min(len(crossings), ERRORS_MAX)).round().astype(int)
     requests = []
-    for event in (events[i] for i in spread):
-        way = way_words(event.direction, results.rule_counts.get(event.rule, {}).get("inward"))
-        note = f"{_when(results, event.frame)}: track {event.track_id} {way}"
+    for n in np.unique(spread):
+        event = crossings[n]
+        inward = results.rule_counts.get(event.rule, {}).get("inward")
+        note = f"{_when(results, event.frame)}: track {event.track_id} {way_words(event.direction, inward)}"
         requests.append(_Request(event.rule, note, (event.frame,)))
     return requests
 
@@ -160,57 +187,66 @@ def _when(results: RunFolder, frame: int) -> str:
 def _paint(results: RunFolder, frames: SceneFrames, requests: Sequence[_Request]) -> list[Picture | None]:
     """Read every frame once, in order; a picture whose frames cannot be read is None."""
     painter = ImagePainter(results.camera, results.rules, results.bounds())
+    trail_frames = round(TRAIL_S / results.clock.frame_s)
+    wanted = {frame for request in requests for frame in request.frames}
     tiles: dict[tuple[int, int], U8] = {}
-    # Trails of 4 s.
-    trail = round(4.0 / results.clock.frame_s)
-    for frame, image in frames.at(sorted({frame for request in requests for frame in request.frames})):
-        snapshot = snapshot_at(results.tracks, frame, trail, results.truth)
+    for frame, image in frames.at(sorted(wanted)):
+        snapshot = snapshot_at(results.tracks, frame, trail_frames, results.truth)
         painted = painter(image, snapshot)
         for n, request in enumerate(requests):
-            if frame in request.frames:
-                place = _place(snapshot, request.focus, results.camera) if request.focus else None
-                scale = painted.shape[1] / image.shape[1]
-                tiles[n, frame] = painted if request.focus is None else _crop(painted, place, scale)
-    return [
-        _picture(request, [tiles.get((n, frame)) for frame in request.frames]) for n, request in enumerate(requests)
-    ]
+            if frame not in request.frames:
+                continue
+            tiles[n, frame] = painted
+            if request.error is not None:
+                place = _place(snapshot, request.error, results.camera)
+                tiles[n, frame] = _crop(painted, place, painted.shape[1] / image.shape[1])
+    pictures = []
+    for n, request in enumerate(requests):
+        pictures.append(_picture(request, [tiles.get((n, frame)) for frame in request.frames]))
+    return pictures
 
 
 def _picture(request: _Request, tiles: Sequence[U8 | None]) -> Picture | None:
-    known = [tile for tile in tiles if tile is not None]
-    if not known:
+    """The whole image, or a strip of tiles, grey where a frame cannot be read; None where none can."""
+    readable = [tile for tile in tiles if tile is not None]
+    if not readable:
         return None
-    if request.focus is None:
-        return picture(request.title, encode_image(known[0], quality=QUALITY), request.note, kind="jpeg")
-    row = []
+    if request.error is None:
+        return picture(request.title, encode_image(readable[0], quality=JPEG_QUALITY), request.note, kind="jpeg")
+    gap: U8 = np.full((TILE_PX, GAP_PX, 3), 128, dtype=np.uint8)
+    row: list[U8] = []
     for tile, time_s in zip(tiles, STRIP_S, strict=True):
         shown = np.full((TILE_PX, TILE_PX, 3), 128, dtype=np.uint8) if tile is None else tile
         Labels(shown).put(f"{time_s:+.1f} s" if time_s else "0 s", (0, TILE_PX), (30, 30, 30))
-        row += [shown, np.full((TILE_PX, 4, 3), 128, dtype=np.uint8)]
-    strip = encode_image(np.hstack(row[:-1]), quality=QUALITY)
+        row += [shown, gap]
+    strip = encode_image(np.hstack(row[:-1]), quality=JPEG_QUALITY)
     return picture(request.title, strip, request.note, is_strip=True, kind="jpeg")
 
 
-def _place(snapshot: Snapshot, focus: tuple[int | None, int | None], camera: FloorCamera | None) -> F64 | None:
-    """Where the person concerned is in the image [px]: by the truth, else by the track."""
-    for people, focused in ((snapshot.truth, focus[0]), (snapshot.people, focus[1])):
-        for person in (p for p in people if p.track_id == focused):
-            left, top, width, height = person.box_px
-            if np.isfinite(left):
-                return np.array([left + width / 2, top + height / 2])
-            if camera is not None and np.isfinite(person.x_m):
-                place = camera.project(np.array([person.x_m, person.y_m, 1.0]))
-                if np.isfinite(place).all():
-                    return place
+def _place(snapshot: Snapshot, error: SignificantError, camera: FloorCamera | None) -> F64 | None:
+    """Where the person of an error is in the image [px]: by the truth, else by the track."""
+    people = [person for person in snapshot.truth if person.track_id == error.truth_id]
+    people += [person for person in snapshot.people if person.track_id == error.track_id]
+    for person in people:
+        left, top, width, height = person.box_px
+        if np.isfinite(left):
+            return np.array([left + width / 2, top + height / 2])
+        if camera is not None and np.isfinite(person.x_m):
+            place = camera.project(np.array([person.x_m, person.y_m, 1.0]))
+            if np.isfinite(place).all():
+                return place
     return None
+
+
+TILE_SHARE = 0.62
+"""Side of a tile as a share of the shorter side of the image."""
 
 
 def _crop(picture: U8, place: F64 | None, scale: float) -> U8:
     """A square tile around a place, as far as it is in the image; the middle of the image without a place."""
     height, width = picture.shape[:2]
-    # Side of a tile as a share of the image's height.
-    side = round(0.62 * min(height, width))
-    x, y = (width / 2, height / 2) if place is None else place * scale
-    left, top = int(np.clip(x - side / 2, 0, width - side)), int(np.clip(y - side / 2, 0, height - side))
+    side = round(TILE_SHARE * min(height, width))
+    middle = np.array([width / 2, height / 2]) if place is None else place * scale
+    left, top = np.clip(middle - side / 2, 0, [width - side, height - side]).astype(int)
     part = picture[top : top + side, left : left + side]
     return np.asarray(cv2.resize(part, (TILE_PX, TILE_PX), interpolation=cv2.INTER_AREA), dtype=np.uint8)
