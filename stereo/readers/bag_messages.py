@@ -1,10 +1,9 @@
-"""Fields of image, camera and transform messages, whatever wrote them, and the pixels of image messages."""
+"""Messages of bags: images and their pixels, cameras, transforms."""
 
 from __future__ import annotations
 
-import base64
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,84 +32,53 @@ class ImageMessage:
     bigendian: bool = False
 
 
-def field(message: Any, *names: str) -> Any:
-    """The first of these fields that a message has."""
-    for name in names:
-        if isinstance(message, Mapping):
-            if name in message:
-                return message[name]
-        elif hasattr(message, name):
-            return getattr(message, name)
-    raise ValueError(f"expected a message with {' or '.join(names)}, found none")
-
-
-MAX_NS = 2**62
-"""Times beyond the year 2116 are no clock's."""
-
-
 def stamp_ns(message: Any) -> int:
-    """When the message was made [ns]."""
-    holder = message if _has(message, "timestamp") else field(message, "header")
-    time = field(holder, "timestamp", "stamp")
-    seconds, rest = field(time, "sec", "seconds"), field(time, "nanosec", "nsec", "nanos")
-    return int(seconds) * 10**9 + int(rest)
+    """When a message with a header was made [ns]."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
 def frame_id(message: Any) -> str:
-    """The frame of reference that the message names."""
-    holder = message if _has(message, "frame_id") else field(message, "header")
-    return str(field(holder, "frame_id"))
+    """The frame of reference of a message with a header."""
+    return str(message.header.frame_id).lstrip("/")
 
 
-def image_message(message: Any, compressed: bool) -> ImageMessage:
+def image_message(message: Any) -> ImageMessage:
     """A raw or compressed image."""
-    data = field(message, "data")
-    content = base64.b64decode(data, validate=True) if isinstance(data, str) else bytes(memoryview(data))
-    if compressed:
-        return ImageMessage(str(field(message, "format")), content)
-    width, height, step = (int(field(message, name)) for name in ("width", "height", "step"))
-    bigendian = bool(field(message, "is_bigendian")) if _has(message, "is_bigendian") else False
-    return ImageMessage(str(field(message, "encoding")), content, width, height, step, bigendian)
+    data = bytes(memoryview(message.data))
+    if hasattr(message, "format"):
+        return ImageMessage(str(message.format), data)
+    size = int(message.width), int(message.height), int(message.step)
+    return ImageMessage(str(message.encoding), data, *size, bool(message.is_bigendian))
 
 
 def camera_fields(message: Any) -> dict[str, Any]:
-    """A camera_info or CameraCalibration as the keys of ROS's YAML files (``calib.formats.ros``)."""
-    fields: dict[str, Any] = {
-        key: np.asarray(field(message, key, key.lower()), dtype=np.float64).ravel().tolist() for key in "DKRP"
-    }
-    fields |= {key: int(field(message, key)) for key in ("width", "height")}
-    for key in ("binning_x", "binning_y"):
-        fields[key] = int(field(message, key)) if _has(message, key) else 0
-    if _has(message, "roi"):
-        roi = field(message, "roi")
-        fields["roi"] = {key: int(field(roi, key)) for key in ("x_offset", "y_offset", "width", "height")}
-    return fields | {"distortion_model": str(field(message, "distortion_model"))}
+    """A camera_info as the keys of ROS's YAML files (``calib.formats.ros``): ROS 2 writes the matrices in small
+    letters."""
+    fields: dict[str, Any] = {"distortion_model": str(message.distortion_model)}
+    for key in "DKRP":
+        values = getattr(message, key if hasattr(message, key) else key.lower())
+        fields[key] = np.asarray(values, dtype=np.float64).ravel().tolist()
+    for key in ("width", "height", "binning_x", "binning_y"):
+        fields[key] = int(getattr(message, key))
+    fields["roi"] = {key: int(getattr(message.roi, key)) for key in ("x_offset", "y_offset", "width", "height")}
+    return fields
 
 
 def transforms(message: Any) -> Iterator[tuple[str, str, SE3]]:
     """Parent frame, child frame and parent_SE3_child of a tf message."""
-    listed = field(message, "transforms") if _has(message, "transforms") else [message]
-    for one in listed:
-        if _has(one, "transform"):
-            pose = field(one, "transform")
-            parent, child = frame_id(one), str(field(one, "child_frame_id"))
-        else:
-            pose, parent, child = one, str(field(one, "parent_frame_id")), str(field(one, "child_frame_id"))
-        yield parent.lstrip("/"), child.lstrip("/"), pose_of(pose)
+    for one in message.transforms:
+        yield frame_id(one), str(one.child_frame_id).lstrip("/"), pose_of(one.transform)
 
 
 def pose_of(message: Any) -> SE3:
     """The pose of a transform."""
     from scipy.spatial.transform import Rotation  # a tenth of a second, and only transforms need it
 
-    translation = np.array([float(field(field(message, "translation"), axis)) for axis in "xyz"])
-    quaternion = np.array([float(field(field(message, "rotation"), axis)) for axis in "xyzw"])
-    rotation = np.asarray(Rotation.from_quat(quaternion).as_matrix(), dtype=np.float64)
-    return transform(rotation, translation, "rotation of tf")
-
-
-def _has(message: Any, name: str) -> bool:
-    return name in message if isinstance(message, Mapping) else hasattr(message, name)
+    place = message.translation
+    turn = message.rotation
+    rotation = np.asarray(Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix(), dtype=np.float64)
+    return transform(rotation, np.array([place.x, place.y, place.z], dtype=np.float64), "rotation of tf")
 
 
 _CHANNELS = {"mono": 1, "rgb": 3, "bgr": 3, "rgba": 4, "bgra": 4}

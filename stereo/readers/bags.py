@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from itertools import islice, takewhile
+from itertools import islice
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -19,141 +19,78 @@ from calib.formats import fitted, load_rig, refuse_strange_camera
 from calib.formats.base import projected
 from calib.formats.rgbd import fitted_rgbd, load_rgbd
 from calib.formats.ros import camera_from, region_of, windowed
-from calib.io import entries, reason, size_text
+from calib.io import size_text
 from calib.pose import SE3
 from calib.rig import IDENTITY, RgbdRig, StereoRig
 from stereo.depth import Depths
 from stereo.readers import base
-from stereo.readers.bag_files import STORAGES, ZSTD, Bag, Topic, TopicImages, error_text, open_bag
-from stereo.readers.bag_messages import camera_fields, field, frame_id, image_message, pose_of, transforms
+from stereo.readers.bag_files import INFO, TRANSFORMS, Bag, TopicImages, bag_at, error_text
+from stereo.readers.bag_messages import camera_fields, frame_id, image_message, pose_of, transforms
 from stereo.readers.images import Colour, Size, bits_note, true_bits
 from stereo.readers.pairing import depth_note, nearest_mates, pair_stamps, split_sides
 from stereo.recording import OpenOptions
 
-_TRANSPORT = re.compile(r"/(compressed|compressedDepth|theora|ffmpeg|zstd)$")
+_TRANSPORT = re.compile(r"/(compressed|compressedDepth|zstd)$")
 _DEPTH = re.compile(r"depth|disparity", re.IGNORECASE)
-_COLOUR = re.compile(r"rgb|colou?r", re.IGNORECASE)
-_PREFERENCE = ("image_raw", "image_color", "image_rect_color", "image_rect", "image_mono")
-"""Of one camera's topics the first is taken: what the driver sent before what was made of it."""
 
 
-TopicChoice = tuple[Literal["stereo", "rgbd"], str, str]
-"""Two topics and what they are."""
+class TopicChoice(NamedTuple):
+    """Two topics and what they are: those of a left and a right camera, or of an image and its depth."""
+
+    kind: Literal["stereo", "rgbd"]
+    first: str
+    second: str
 
 
 def choose_topics(bag: Bag, named: Sequence[str]) -> TopicChoice:
-    """The topics that were named, else the pair that is clear from names and types: left and right before depth."""
-    there = [topic for topic in bag.topics if topic.kind in ("image", "compressed") and topic.count]
+    """The topics that were named, else the two that there are, in the order of their sides. Raises InputError: other
+    topics, which are listed, to be named."""
+    images = [topic.name for topic in bag.topics if topic.holds_images]
+    topics = ", ".join(images)
+    for name in named:
+        if name not in images:
+            raise InputError(f"expected image topics of {bag.path.name} ({topics}), found {name!r}", argument="topics")
+    # Each image once, raw before compressed.
+    raw_first = sorted(images, key=lambda name: (_TRANSPORT.search(name) is not None, name))
+    by_camera = {_TRANSPORT.sub("", name): name for name in reversed(raw_first)}
+    pair = list(named) or [by_camera[camera] for camera in sorted(by_camera)]
+    if len(pair) < 2:
+        there = ", ".join(f"{topic.name} of {topic.type}" for topic in bag.topics[:8]) or "no topics"
+        found = f"only {topics}: one camera" if images else f"{there}; {_REPUBLISH}"
+        raise InputError(f"{bag.path}: expected image topics of two cameras, or an image and its depth, found {found}")
+    depths = [name for name in pair if _is_depth(bag, name)]
+    if len(pair) == 2 and len(depths) == 1:
+        first = next(name for name in pair if name not in depths)
+        return TopicChoice("rgbd", first, depths[0])
     if named:
-        for name in named:
-            if name not in [topic.name for topic in there]:
-                expected = f"expected image topics of {bag.path.name} ({_listed(there)})"
-                raise InputError(f"{expected}, found {name!r}", argument="topics")
-        first, second = named
-        depths = _depths(bag, [topic for topic in there if topic.name in named])
-        if first in depths and second not in depths:
-            first, second = second, first
-        return "rgbd" if second in depths else "stereo", first, second
-    coded = ", ".join([f"{t.name} of {t.schema}" for t in bag.topics if t.kind == "coded" and t.count][:4])
-    also = f"; not read are {coded}" if coded else ""
-    if not there:
-        empty = [topic for topic in bag.topics if topic.kind in ("image", "compressed")]
-        found = f"no message in {_listed(empty)}" if empty else _listed(bag.topics)
-        if coded:
-            found = f"images coded as video or objects, which are not read ({coded}): {_REPUBLISH}"
-        raise InputError(f"{bag.path}: expected image topics of two cameras, found {found}")
-    by_base: dict[str, Topic] = {}  # each image once: raw before compressed
-    for topic in sorted(there, key=lambda topic: topic.kind == "compressed"):
-        by_base.setdefault(_TRANSPORT.sub("", topic.name), topic)
-    pairs = _stereo(list(by_base))
-    if not pairs:
-        depths = _depths(bag, list(by_base.values()))
-        pairs = _rgbd(list(by_base), {base for base, topic in by_base.items() if topic.name in depths})
-    if not pairs and len(there) == 1:
-        raise InputError(
-            f"{bag.path}: expected image topics of two cameras, or an image and its depth, "
-            f"found only {there[0].name}: one camera{also}"
-        )
-    if len(pairs) != 1:
-        what = f"{len(pairs)} pairs" if pairs else "no clear pair"
-        expected = f"{bag.path}: expected one pair of image topics"
-        raise InputError(f"{expected}, found {what} among {_listed(there)}{also}", remedy="topics")
-    kind, first, second = pairs[0]
-    return kind, by_base[first].name, by_base[second].name
+        return TopicChoice("stereo", pair[0], pair[1])
+    sides = split_sides(_differences(pair))
+    if len(pair) > 2 or sides is None:
+        expected = f"{bag.path}: expected two image topics, of a left and a right camera or an image and its depth"
+        raise InputError(f"{expected}, found {topics}", remedy="topics")
+    return TopicChoice("stereo", pair[sides.left[0]], pair[sides.right[0]])
 
 
-_REPUBLISH = "ros2 run image_transport republish writes them as raw or compressed images, to be recorded again"
+_REPUBLISH = "ros2 run image_transport republish writes images coded as video as raw ones, to be recorded again"
 
 
-def info_topic(topics: Iterable[Topic], image: str) -> str | None:
-    """The camera_info topic of an image topic: of the same camera, else the one that shares most of its name."""
-    infos = [topic.name for topic in topics if topic.kind == "info" and topic.count]
-    base = _TRANSPORT.sub("", image)
-    for name in (f"{base.rsplit('/', 1)[0]}/camera_info", f"{base}/camera_info"):
-        if name in infos:
-            return name
-
-    def shared(name: str) -> int:
-        parts = zip(name.strip("/").split("/"), base.strip("/").split("/"), strict=False)
-        return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], parts))
-
-    best = max(map(shared, infos), default=0)
-    if len(infos) > 1 and not best:
-        return None
-    return min((name for name in infos if shared(name) == best), key=len, default=None)
+def _differences(names: Sequence[str]) -> list[str]:
+    """What two names do not have in common: the numbers of their device are no sides."""
+    parts = [name.split("/") for name in names[:2]]
+    apart = [i for i, words in enumerate(zip(*parts, strict=False)) if len(set(words)) > 1]
+    return ["/".join(words[i] for i in apart) for words in parts]
 
 
-def _depths(bag: Bag, topics: Sequence[Topic]) -> set[str]:
-    """Names of the topics that hold depth by their name, or by the encoding of their first image where not all of the
-    topics have it (drivers of infrared pairs send 16UC1, too)."""
-    named = {topic.name for topic in topics if _DEPTH.search(topic.name)}
-    encoded = {topic.name for topic in topics if _is_encoded_depth(bag, topic)}
-    return named | encoded if len(encoded) < len(topics) else named
-
-
-def _is_encoded_depth(bag: Bag, topic: Topic) -> bool:
+def _is_depth(bag: Bag, topic: str) -> bool:
+    """Whether a topic holds depth, by its name or the encoding of its first image (drivers of infrared pairs send
+    images as 16UC1, too)."""
+    if _DEPTH.search(topic):
+        return True
     try:
-        message = next(iter(bag.messages(topic.name)))
-        found = image_message(message.decoded(), topic.kind == "compressed").encoding
+        encoding = image_message(next(bag.messages(topic)).decoded()).encoding
     except Exception:  # a damaged message has no encoding; reading the topic reports it
         return False
-    return found.upper() in ("16UC1", "32FC1") or "compressedDepth" in found
-
-
-def _stereo(bases: Sequence[str]) -> list[TopicChoice]:
-    """Left and right topics whose names differ in the side alone, one pair for each rig."""
-    images = [base for base in bases if not _DEPTH.search(base) and not _COLOUR.search(base.rsplit("/", 1)[0])]
-    parts = [image.split("/") for image in images]
-    # What all have in common is no side, such as the numbers of a device and its sensor.
-    shared = sum(1 for _ in takewhile(lambda same: len(set(same)) == 1, zip(*parts, strict=False)))
-    sided = split_sides(["/".join(own[shared:]) for own in parts])
-    if sided is None:
-        return []
-    rights = {sided.rest[i]: images[i] for i in sided.right}
-    lefts = {sided.rest[i]: images[i] for i in sided.left if sided.rest[i] in rights}
-    return [("stereo", lefts[rest], rights[rest]) for rest in _preferred(lefts)]
-
-
-def _rgbd(bases: Sequence[str], depth_bases: set[str]) -> list[TopicChoice]:
-    """Images of colour, or whatever is not depth, with the depth topic of the same camera."""
-    depths = _preferred([base for base in bases if base in depth_bases])
-    images = [base for base in bases if base not in depth_bases]
-    images = _preferred([base for base in images if _COLOUR.search(base)] or images)
-    return [("rgbd", image, depth) for image in images for depth in depths]
-
-
-def _preferred(names: Iterable[str]) -> list[str]:
-    """One topic of each camera, by what drivers call it."""
-    by_camera: dict[str, list[str]] = {}
-    for name in names:
-        by_camera.setdefault(name.rsplit("/", 1)[0], []).append(name)
-    rank = {word: i for i, word in enumerate(_PREFERENCE)}
-    return [min(own, key=lambda name: rank.get(name.rsplit("/", 1)[-1], len(rank))) for own in by_camera.values()]
-
-
-def _listed(topics: Sequence[Topic]) -> str:
-    names = ", ".join(topic.name for topic in topics[:8]) or "no topics"
-    return names + (f" and {len(topics) - 8} more" if len(topics) > 8 else "")
+    return encoding.upper() in ("16UC1", "32FC1") or "compressedDepth" in encoding
 
 
 def rig_of(bag: Bag, topics: tuple[str, str], size: Size, rectified: bool) -> StereoRig:
@@ -201,7 +138,7 @@ def _depth_pixels(bag: Bag, topic: str) -> Depths:
     if match := _SDK.fullmatch(topic):
         for name in ("Depth_Units", "Depth Units"):
             with suppress(Exception):  # no such message, or damage
-                unit_m = float(field(next(bag.messages(f"{match[2]}/option/{name}/value")).decoded(), "data"))
+                unit_m = float(next(bag.messages(f"{match[2]}/option/{name}/value")).decoded().data)
                 return Depths(float(np.round(1.0 / unit_m, 3)))
     return Depths()
 
@@ -235,32 +172,37 @@ def _camera(bag: Bag, info: CameraMessage, rectified: bool) -> tuple[Camera, SE3
 
 
 def info_of(bag: Bag, topic: str) -> CameraMessage:
-    """The camera_info of an image topic."""
-    name = info_topic(bag.topics, topic)
+    """The camera_info of an image topic, in the same namespace."""
+    image = _TRANSPORT.sub("", topic)
+    places = (
+        f"{image.rpartition('/')[0]}/camera_info",
+        f"{image}/camera_info",
+        image.replace("/image/data", "/info/camera_info"),
+    )
+    sent = [one.name for one in bag.topics if one.type == INFO and one.n_messages and one.name in places]
+    if not sent:
+        raise InputError(f"{bag.path}: expected a camera_info of {topic} in the bag, found none", remedy="calibration")
+    name = sent[0]
     try:
-        message = next(bag.messages(name), None) if name else None
-        decoded = message.decoded() if message else None
-        fields, frame = (camera_fields(decoded), frame_id(decoded)) if message else ({}, "")
-        problem = ""
-    except Exception as error:  # libraries raise whatever a damaged file provokes
-        message, problem = None, f"a camera_info in {name}, found {error_text(error)}"
-    if name is None or message is None:
-        problem = problem or f"a camera_info of {topic} in the bag, found none"
-    elif not any(fields["K"]):
-        problem = f"a calibrated camera in {name}, found K of zeros"
-    if problem or name is None:
-        raise InputError(f"{bag.path}: expected {problem}", remedy="calibration")
+        message = next(bag.messages(name)).decoded()
+        fields = camera_fields(message)
+        frame = frame_id(message)
+    except Exception as error:  # the library raises whatever a damaged file provokes
+        expected = f"expected a camera_info in {name}, found {error_text(error)}"
+        raise InputError(f"{bag.path}: {expected}", remedy="calibration") from error
+    if not any(fields["K"]):
+        raise InputError(f"{bag.path}: expected a calibrated camera in {name}, found K of zeros", remedy="calibration")
     if _SDK.fullmatch(topic):  # sets K and D alone, and calls the lens by another name
         rectified = np.column_stack([np.reshape(fields["K"], (3, 3)), np.zeros(3)])
         fields |= {"P": rectified.ravel().tolist(), "R": np.eye(3).ravel().tolist(), "distortion_model": "plumb_bob"}
-    return CameraMessage(name, fields, frame.lstrip("/"))
+    return CameraMessage(name, fields, frame)
 
 
 def static_poses(bag: Bag) -> dict[str, tuple[str, SE3]]:
     """Parent frame and parent_SE3_child by child frame."""
     poses: dict[str, tuple[str, SE3]] = {}
-    for topic in (t.name for t in bag.topics if t.kind == "tf" and "static" in t.name):
-        # A type that the library does not know, or a damaged message, leaves the frames that were read before.
+    for topic in (one.name for one in bag.topics if one.type in TRANSFORMS and "static" in one.name):
+        # A damaged message leaves the frames that were read before.
         with suppress(Exception):
             for message in islice(bag.messages(topic), 2000):  # drivers send some dozens
                 for parent, child, pose in transforms(message.decoded()):
@@ -310,90 +252,60 @@ def _rgbd_rig(bag: Bag, names: tuple[str, str], sizes: tuple[Size, Size], regist
     return fitted_rgbd(rig, *sizes)
 
 
-_MAGIC = {b"#ROSBAG V2.0": "ros1", b"\x89MCAP0\r\n": "mcap", b"SQLite format 3\0": "sqlite"}
-
-
 def _find(path: Path, options: OpenOptions) -> base.Layout:
-    file = _bag_file(path) or path
-    bag = open_bag(file, "" if file.is_dir() else _kind(file) or "")
-    kind, *chosen = choose_topics(bag, options.topics)
-    names, named = (chosen[0], chosen[1]), {topic.name: topic for topic in bag.topics}
-    first, second = (TopicImages(bag, named[name]) for name in names)
-    stamps, remarks = (first.stamp_ns, second.stamp_ns), first.notes + second.notes
+    bag = Bag(bag_at(path) or path)
+    choice = choose_topics(bag, options.topics)
+    names = choice.first, choice.second
+    topics = {topic.name: topic for topic in bag.topics}
+    first = TopicImages(bag, topics[choice.first])
+    second = TopicImages(bag, topics[choice.second])
+    stamps = first.stamp_ns, second.stamp_ns
+    notes = [*first.notes, *second.notes]
     if not all(own.any() and (len(own) < 2 or np.ptp(own)) for own in stamps):
         stamps = first.log_ns, second.log_ns
-        remarks = ("headers hold no times: the times of recording are taken", *remarks)
-    samples, is_rgbd = (first.sample(), second.sample()), kind == "rgbd"
+        notes.insert(0, "headers hold no times: the times of recording are taken")
+    is_rgbd = choice.kind == "rgbd"
     if is_rgbd:
         pairs = pair_stamps(stamps[0], stamps[0], (names[0], names[0]))
         mates = np.where(pairs.left >= 0, nearest_mates(*stamps)[pairs.left], -1)
         if not (mates >= 0).any():
             raise InputError(f"{path}: expected images and depth of the same times, found none")
-        remarks += tuple(depth_note(mates))
+        notes += depth_note(mates)
     else:
         pairs = pair_stamps(*stamps, names)
         base.check_paired(pairs, path)
         mates = pairs.right
+    samples = first.sample(), second.sample()
     read = samples[0] if is_rgbd else [*samples[0], *samples[1]]
     bits = true_bits(image for image in read if not isinstance(image, UnreadableError))
-    remarks += bits_note(bits)
+    notes += bits_note(bits)
     a = first.frames(pairs.left, Colour(bits), samples[0])
     b = second.frames(mates, _depth_pixels(bag, names[1]) if is_rgbd else Colour(bits), samples[1])
-    sizes = (a.size, b.size) if is_rgbd else (base.same_size(a, b, *names),) * 2
-    each = zip(names, (a, b), stamps, strict=True)
-    streams = tuple(source.stream(name, len(own), base.own_times(own)) for name, source, own in each)
+    streams = (
+        a.stream(names[0], len(stamps[0]), base.own_times(stamps[0])),
+        b.stream(names[1], len(stamps[1]), base.own_times(stamps[1])),
+    )
     clock = base.clock_of_pairs(pairs, options)
     if is_rgbd:
-        registered, assumed = _is_registered(bag, names)
-        rig = partial(_rgbd_rig, bag, names, sizes, registered)
         if options.calibration:
-            rig = partial(load_rgbd, options.calibration, *sizes)
-        return base.rgbd_layout(path, a, b, streams, clock, rig, (*remarks, *assumed), int((mates < 0).sum()))
-
-    rectified = all(is_rectified(name) for name in names)
-    stereo_rig: Callable[[], StereoRig] = partial(rig_of, bag, names, sizes[0], rectified)
-    other: base.OtherRig | None = None
-    if options.calibration:
-        stereo_rig = partial(load_rig, options.calibration, sizes[0])
-        other = base.other_state(options.calibration, sizes[0])
-    elif not any(map(_SDK.fullmatch, names)):
-
-        def other(_: StereoRig) -> tuple[StereoRig, str]:
-            return rig_of(bag, names, sizes[0], not rectified), ""
-
+            rig = partial(load_rgbd, options.calibration, a.size, b.size)
+        else:
+            registered, assumed = _is_registered(bag, names)
+            notes += assumed
+            rig = partial(_rgbd_rig, bag, names, (a.size, b.size), registered)
+        return base.rgbd_layout(path, a, b, streams, clock, rig, notes, int((mates < 0).sum()))
+    size = base.same_size(a, b, *names)
     frames = base.FramePairs(base.together(a, b), len(pairs.left), pairs.unpaired)
     folder = path if path.is_dir() else path.parent
-    return base.stereo_layout(path, frames, streams, clock, stereo_rig, remarks, folder, other)
+    if options.calibration:
+        given = options.calibration
+        other = base.other_state(given, size)
+        return base.stereo_layout(path, frames, streams, clock, partial(load_rig, given, size), notes, folder, other)
+    rectified = all(map(is_rectified, names))
+    sdk = any(map(_SDK.fullmatch, names))
+    other_rig = None if sdk else (lambda _: (rig_of(bag, names, size, not rectified), ""))
+    stereo_rig = partial(rig_of, bag, names, size, rectified)
+    return base.stereo_layout(path, frames, streams, clock, stereo_rig, notes, folder, other_rig)
 
 
-def _bag_file(path: Path) -> Path | None:
-    """The bag at a path: a file, a ROS 2 folder, or the only bag in a folder."""
-    if path.is_file():
-        return path if _kind(path) else None
-    if not path.is_dir():
-        return None
-    if b"rosbag2_bagfile_information" in _head(path / "metadata.yaml", 4096):
-        return path
-    found = [file for file in entries(path) if file.name.endswith((".bag", *STORAGES)) and _kind(file)]
-    return found[0] if len(found) == 1 else None
-
-
-def _kind(file: Path) -> str | None:
-    head = _head(file, 16)
-    if head.startswith(ZSTD):
-        return {".db3": "sqlite", ".mcap": "mcap"}.get(Path(file.stem).suffix)
-    found = next((kind for magic, kind in _MAGIC.items() if head.startswith(magic)), None)
-    return None if found == "sqlite" and file.suffix != ".db3" else found
-
-
-def _head(file: Path, length: int) -> bytes:
-    if not file.is_file():
-        return b""
-    try:
-        with file.open("rb") as content:
-            return content.read(length)
-    except OSError as error:
-        raise InputError(f"{file}: expected a recording, found a file that cannot be read ({reason(error)})") from error
-
-
-READER = base.Reader("bag", "a bag", lambda path: _bag_file(path) is not None, _find)
+READER = base.Reader("bag", "a bag", lambda path: bag_at(path) is not None, _find)

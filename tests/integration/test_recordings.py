@@ -26,15 +26,15 @@ STEREO = [
     ("side-by-side/rl_swapped_raw.mp4", "side-by-side", (640, 400), 20, 15.0, 404.1356, 0.07381),
 ]
 REFUSED = {
-    "negatives/example_noimages.bag": "expected image topics of two cameras, found /rosout",
-    "negatives/example_bz2_noimages.bag": "expected image topics of two cameras, found /rosout",
-    "negatives/logs_noimages.mcap": "expected image topics of two cameras, found /rosout",
+    "negatives/example_noimages.bag": "found /rosout of rosgraph_msgs/msg/Log",
+    "negatives/example_bz2_noimages.bag": "found /rosout of rosgraph_msgs/msg/Log",
+    "negatives/logs_noimages.mcap": "expected messages of ROS 2, found others",
     "negatives/empty.db3": "expected image topics of two cameras",
     "negatives/lfs_pointer.bag": "git lfs pull",
     "negatives/truncated.bag": "rosbag reindex",
     "negatives/truncated.mcap": "mcap recover",
     "negatives/fake.svo": "ZED SDK",
-    "mcap-foxglove/custom-camera-model.mcap": "only /image/compressed: one camera",
+    "mcap-foxglove/custom-camera-model.mcap": "write its images into folders",
     "side-by-side/not_stereo_depth_and_rgb.mp4": "depth next to its colour image",
 }
 
