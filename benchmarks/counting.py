@@ -4,25 +4,22 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-from cyclopts import Parameter
 
-from benchmarks.options import BenchOptions, Row, progress, rendered, report, scene_files
+from benchmarks.options import Report, Row, benchmark, cache_folder, progress, rendered, scene_files, tables
 from benchmarks.random_scenes.generator import random_scene
 from benchmarks.random_scenes.tables import RandomScene
-from benchmarks.real import SingleTracker
 from calib.errors import InputError
+from planview.api.arguments import in_range
 from planview.api.run import run
 from planview.counting.rules import RulePlane, Rules, load_rules, parse_rules
-from planview.counting.totals import CountScores, CrossingScores, count_tracks, count_truth, score_counts
-from planview.engine.config import Config
-from planview.engine.engine import Engine
-from planview.engine.open import open_engine
+from planview.counting.totals import CountScores, count_tracks, count_truth, score_counts
+from planview.engine.config import Config, load_config
+from planview.engine.open import ImageTrackerName, open_engine
 from planview.synthetic.assets import SCENES
 from planview.synthetic.scene import Scene, load_scene
 from planview.trajectories.clock import Clock
@@ -42,36 +39,140 @@ PAPER_RIGHT_PERCENT = {"0": 96.6, "1-2": 97.4, "3-5": 99.1, "6-9": 95.2, "10+": 
 """Time with the right occupancy by true number: the aim, and table 4 of Zhang et al. 2008."""
 
 
-def score_rows(recording: str, scores: CountScores) -> dict[str, list[Row]]:
-    """Rows of one recording's tripwires, and of its zones by true number of people, where that occurs."""
-    crossings = [
-        {
-            "recording": recording, "rule": rule, **directions(s), "accuracy": s.accuracy,
-            "limit": ACCURACY_MIN, "strict": s.strict_accuracy, "precision": s.precision, "recall": s.recall,
-            "wrong_direction": s.wrong_direction, "late_s": s.timing_mean_s,
-            "ok": s.accuracy is None or s.accuracy >= ACCURACY_MIN,
-        }
-        for rule, s in scores.crossings.items()
-    ]  # fmt: skip
-    occupancy = [
-        {
-            "recording": recording, "rule": rule, **asdict(group), "limit": RIGHT_MIN_PERCENT[group.people],
-            "paper": PAPER_RIGHT_PERCENT[group.people],
-            "ok": group.right_percent is None or group.right_percent >= RIGHT_MIN_PERCENT[group.people],
-        }
-        for rule, groups in scores.occupancy.items()
-        for group in groups
-        if group.frames
-    ]  # fmt: skip
-    return {"crossings": crossings, "occupancy": occupancy}
+@benchmark
+def counting(
+    *,
+    scene: Sequence[str] = (),
+    tracker: ImageTrackerName = "human-model",
+    frames: int | None = None,
+    scenes: Path = SINGLE,
+    rooms: Sequence[int] = (),
+    out: Path | None = None,
+    cache: Path | None = None,
+    config: Path | None = None,
+    set: Sequence[str] = (),
+) -> Report:
+    """Score counts and occupancy on rendered scenes, next to the paper's figures.
+
+    Example: python -m benchmarks counting --scene door_oblique --scene conference
+
+    Example of wrong numbers of people: python -m benchmarks counting --scene station --tracker ellipse-particle
+
+    Example with random conference rooms: python -m benchmarks counting --rooms 501 --rooms 502
+
+    Args:
+        scene: Only these rendered scenes, by name.
+        tracker: Tracker of the scenes.
+        frames: Only the first frames of every rendered scene.
+        scenes: Folder with scenes and their rules.
+        rooms: Seeds of random conference rooms: another camera, other clothes and seats each. Seeds 0 to 9 were used to
+            tune the engine.
+        out: Folder that keeps the runs; a temporary one by default.
+        cache: Folder for rendered recordings; the user's cache by default.
+        config: TOML file with parameters of the engine.
+        set: One parameter of the engine; can be repeated.
+    """
+    if frames is not None:
+        in_range("frames", frames, 1, 1_000_000)
+    for seed in rooms:
+        in_range("rooms", seed, 0, 2**62)
+    settings = load_config(config, set)
+    with tempfile.TemporaryDirectory() as temporary:
+        scorer = Scorer(tracker, cache_folder(cache), frames, out or Path(temporary), settings)
+        for seed in rooms:
+            room = random_scene("conference", seed)
+            scorer.score(room.scene, f"conference-{seed}", partial(room_rules, room))
+        if not rooms:
+            for path in scene_files(scene, scenes, RULES):
+                name = path.name.removesuffix(RULES)
+                scorer.score(load_scene(path.with_name(f"{name}.toml")), name, partial(load_rules, path))
+    return tables(crossings=scorer.crossings, occupancy=scorer.occupancy, frames=scorer.frames)
 
 
-def directions(scores: CrossingScores) -> Row:
-    """True and found numbers, left to right and right to left."""
-    return {
-        "true": f"{scores.true_left_to_right}+{scores.true_right_to_left}",
-        "found": f"{scores.found_left_to_right}+{scores.found_right_to_left}",
-    }
+def room_rules(room: RandomScene, plane: RulePlane) -> Rules:
+    """The floor of a conference room that its camera sees, as a zone."""
+    zone = {"name": "room", "polygon_m": [list(corner) for corner in room.zone_m]}
+    return parse_rules({"zone": [zone]}, plane, "room")
+
+
+@dataclass
+class Scorer:
+    """How scenes of a single camera are rendered and tracked, and their scores so far.
+
+    Attributes:
+        n_frames: at most the first frames.
+        out: gets a folder with each run.
+        crossings, occupancy, frames: rows of tripwires, of zones, and of numbers of people.
+    """
+
+    tracker: ImageTrackerName
+    cache: Path
+    n_frames: int | None
+    out: Path
+    config: Config
+    crossings: list[Row] = field(default_factory=list)
+    occupancy: list[Row] = field(default_factory=list)
+    frames: list[Row] = field(default_factory=list)
+
+    def score(self, scene: Scene, name: str, rules_on: Callable[[RulePlane], Rules]) -> None:
+        """Render, track and score a scene, with rules on the floor below its camera."""
+        recording = rendered(scene, name, self.cache, self.n_frames)
+        progress(f"tracking {name} with {self.tracker}")
+        engine = open_engine(recording, self.tracker, self.config, recording / "camera.toml")
+        if engine.stereo is not None:
+            raise InputError(f"{recording}: expected the recording of a single camera, found a stereo pair")
+        tracks = run(engine, out=self.out / name, overwrite=True, quiet=True)
+        truth = read_truth(recording / "truth.csv")
+        n_frames = self.n_frames or engine.recording.n_frames
+        rules = rules_on(RulePlane(engine.camera))
+        scores = score_rules(rules, tracks, truth, engine.recording.fps, n_frames)
+        self.crossings += crossing_rows(name, scores)
+        self.occupancy += occupancy_rows(name, scores)
+        self.frames.append({"recording": name, **count_frames(tracks, truth, n_frames)})
+
+
+def score_rules(rules: Rules, tracks: Trajectories, truth: Trajectories, fps: float, n_frames: int) -> CountScores:
+    """Counts of tracks by rules against those of the truth."""
+    clock = Clock(tracks, fps)
+    true = count_truth(truth, rules, clock, n_frames=n_frames)
+    return score_counts(true, count_tracks(tracks, rules, clock=clock, n_frames=n_frames), WINDOW_S)
+
+
+def crossing_rows(recording: str, scores: CountScores) -> list[Row]:
+    """Rows of one recording's tripwires; numbers of people are left to right + right to left."""
+    rows: list[Row] = []
+    for rule, score in scores.crossings.items():
+        rows.append(
+            {
+                "recording": recording,
+                "rule": rule,
+                "true": f"{score.true_left_to_right}+{score.true_right_to_left}",
+                "found": f"{score.found_left_to_right}+{score.found_right_to_left}",
+                "accuracy": score.accuracy,
+                "limit": ACCURACY_MIN,
+                "strict": score.strict_accuracy,
+                "precision": score.precision,
+                "recall": score.recall,
+                "wrong_direction": score.wrong_direction,
+                "late_s": score.timing_mean_s,
+                "ok": score.accuracy is None or score.accuracy >= ACCURACY_MIN,
+            }
+        )
+    return rows
+
+
+def occupancy_rows(recording: str, scores: CountScores) -> list[Row]:
+    """Rows of one recording's zones by true number of people, where that occurs."""
+    rows: list[Row] = []
+    for rule, groups in scores.occupancy.items():
+        for group in groups:
+            if not group.frames:
+                continue
+            limit = RIGHT_MIN_PERCENT[group.people]
+            ok = group.right_percent is None or group.right_percent >= limit
+            row = {"recording": recording, "rule": rule, **asdict(group)}
+            rows.append(row | {"limit": limit, "paper": PAPER_RIGHT_PERCENT[group.people], "ok": ok})
+    return rows
 
 
 def count_frames(tracks: Trajectories, truth: Trajectories, n_frames: int) -> Row:
@@ -83,95 +184,12 @@ def count_frames(tracks: Trajectories, truth: Trajectories, n_frames: int) -> Ro
         frames, those with a wrong number, those with fewer tracks, and the share of wrong ones (the counting error of
         del-Blanco et al. 2012, table I).
     """
-    shown = truth.frame[~(truth.visible < VISIBLE_MIN)]
-    confirmed = tracks.frame[tracks.state == "confirmed"]
-    found, true = (np.bincount(f[f < n_frames], minlength=n_frames) for f in (confirmed, shown))
-    wrong, too_few = int((found != true).sum()), int((found < true).sum())
+    found = _people_per_frame(tracks.frame[tracks.state == "confirmed"], n_frames)
+    true = _people_per_frame(truth.frame[~(truth.visible < VISIBLE_MIN)], n_frames)
+    wrong = int((found != true).sum())
+    too_few = int((found < true).sum())
     return {"frames": n_frames, "wrong": wrong, "too_few": too_few, "error": wrong / max(1, n_frames)}
 
 
-@dataclass(frozen=True)
-class Scorer:
-    """How scenes of a single camera are rendered, at most their first frames, and tracked; ``out`` gets a folder with
-    each run."""
-
-    cache: Path
-    frames: int | None
-    out: Path
-    config: Config
-
-    def track(
-        self, recording: Path, tracker: SingleTracker, camera: Path | None, name: str
-    ) -> tuple[Engine, Trajectories]:
-        """Track the recording of a single camera into a folder."""
-        progress(f"tracking {name} with {tracker}")
-        engine = open_engine(recording, tracker, self.config, camera)
-        if engine.stereo is not None:
-            raise InputError(f"{recording}: expected the recording of a single camera, found a stereo pair")
-        return engine, run(engine, out=self.out / name, overwrite=True, quiet=True)
-
-    def scene(
-        self, scene: Scene, name: str, tracker: SingleTracker, rules_on: Callable[[RulePlane], Rules]
-    ) -> dict[str, list[Row]]:
-        """Score a scene, with rules on the floor below its camera."""
-        recording = rendered(scene, name, self.cache, self.frames)
-        engine, tracks = self.track(recording, tracker, recording / "camera.toml", name)
-        truth, n_frames = read_truth(recording / "truth.csv"), self.frames or engine.recording.n_frames
-        scores = score_rules(rules_on(RulePlane(engine.camera)), tracks, truth, engine.recording.fps, n_frames)
-        frames = [{"recording": name, **count_frames(tracks, truth, n_frames)}]
-        return score_rows(name, scores) | {"frames": frames}
-
-
-def room_rules(room: RandomScene, plane: RulePlane) -> Rules:
-    """The floor of a conference room that its camera sees, as a zone."""
-    return parse_rules({"zone": [{"name": "room", "polygon_m": [list(at) for at in room.zone_m]}]}, plane, "room")
-
-
-def score_rules(rules: Rules, tracks: Trajectories, truth: Trajectories, fps: float, n_frames: int) -> CountScores:
-    """Counts of tracks by rules against those of the truth."""
-    clock = Clock(tracks, fps)
-    true = count_truth(truth, rules, clock, n_frames=n_frames)
-    return score_counts(true, count_tracks(tracks, rules, clock=clock, n_frames=n_frames), WINDOW_S)
-
-
-@Parameter(name="*")
-@dataclass(frozen=True)
-class CountingOptions(BenchOptions):
-    """What is counted, and by which tracker."""
-
-    scene: Annotated[Sequence[str], Parameter(negative="", show_default=False)] = ()
-    """Only these rendered scenes, by name."""
-    tracker: SingleTracker = "human-model"
-    """Tracker of the scenes."""
-    frames: int | None = None
-    """Only the first frames of every rendered scene."""
-    scenes: Path = SINGLE
-    """Folder with scenes and their rules."""
-    rooms: Annotated[Sequence[int], Parameter(negative="", show_default=False)] = ()
-    """Seeds of random conference rooms: another camera, other clothes and seats each. Seeds 0 to 9 were used to tune
-    the engine."""
-    out: Path | None = None
-    """Folder that keeps the runs; a temporary one by default."""
-
-
-def counting(*, options: CountingOptions | None = None) -> None:
-    """Score counts and occupancy on rendered scenes, next to the paper's figures.
-
-    Example: python -m benchmarks counting --scene door_oblique --scene conference
-
-    Example of wrong numbers of people: python -m benchmarks counting --scene station --tracker ellipse-particle
-
-    Example with random conference rooms: python -m benchmarks counting --rooms 501 --rooms 502
-    """
-    o = options or CountingOptions()
-    if (o.frames is not None and o.frames < 1) or any(seed < 0 for seed in o.rooms):
-        raise InputError(f"expected --frames from 1, --rooms from 0, found {o.frames}, {list(o.rooms)}")
-    with tempfile.TemporaryDirectory() as temporary:
-        scorer = Scorer(o.cache_folder, o.frames, o.out or Path(temporary), o.settings())
-        rooms = {f"conference-{seed}": random_scene("conference", seed) for seed in o.rooms}
-        scored = [scorer.scene(r.scene, name, o.tracker, partial(room_rules, r)) for name, r in rooms.items()]
-        for path in () if rooms else scene_files(o.scene, o.scenes, RULES):
-            name = path.name.removesuffix(RULES)
-            scene = load_scene(path.with_name(f"{name}.toml"))
-            scored.append(scorer.scene(scene, name, o.tracker, partial(load_rules, path)))
-    report(o.json_output, **{key: [row for rows in scored for row in rows[key]] for key in scored[0]})
+def _people_per_frame(frames: np.ndarray, n_frames: int) -> np.ndarray:
+    return np.bincount(frames[frames < n_frames], minlength=n_frames)

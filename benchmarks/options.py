@@ -1,16 +1,14 @@
-"""Options that benchmarks share, and the cache of rendered recordings."""
+"""How benchmarks are called and printed, and the cache of rendered recordings."""
 
-# No ``from __future__ import annotations``: cyclopts evaluates the annotations of inherited fields in the module of the
-# subclass, which does not know these names.
+from __future__ import annotations
 
 import hashlib
 import math
 import os
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import pandas
 from cyclopts import Parameter
@@ -18,51 +16,69 @@ from pydantic_core import to_json
 
 from calib.errors import InputError
 from calib.io import whole_folder
-from planview.engine.config import Config, load_config
+from planview.commands.shell import JSON, Call, command
 from planview.synthetic.render import RENDERER_VERSION, SceneRenderer
 from planview.synthetic.scene import Scene
 from planview.synthetic.write import write_recording
 
-Flag = Annotated[bool, Parameter(negative="")]
-"""A switch that is off without its option."""
 Row = dict[str, Any]
 """Figures by the names that head their columns."""
 JsonFlag = Annotated[bool, Parameter(name="--json", negative="")]
 """The switch --json: one JSON object on standard output."""
 
 
-@Parameter(name="*")
-@dataclass(frozen=True)
-class BenchOptions:
-    """How rendered recordings are kept and tracked, and how the scores are printed."""
+class Report(NamedTuple):
+    """Result of a benchmark.
 
-    cache: Path | None = None
-    """Folder for rendered recordings; the user's cache by default."""
-    config: Path | None = None
-    """TOML file with parameters of the engine."""
-    set_: Annotated[Sequence[str], Parameter(name="--set", negative="", show_default=False)] = ()
-    """One parameter of the engine."""
-    json_output: JsonFlag = False
-    """Print one JSON object."""
+    Attributes:
+        values: all of it by name, as JSON has it.
+        tables: what is printed of it.
+        notes: lines below the tables.
+    """
 
-    @property
-    def cache_folder(self) -> Path:
-        """Where rendered recordings are kept: by default $XDG_CACHE_HOME or ~/.cache, below planview/scenes."""
-        base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-        return self.cache or Path(base) / "planview" / "scenes"
+    values: dict[str, Any]
+    tables: Sequence[Sequence[Row]]
+    notes: Sequence[str] = ()
 
-    def settings(self) -> Config:
-        """The parameters of the engine. Raises InputError: an unknown parameter, or a value out of its range."""
-        return load_config(self.config, self.set_)
+
+def tables(**parts: list[Row]) -> Report:
+    """A report that consists of tables."""
+    return Report(dict(parts), list(parts.values()))
+
+
+def benchmark(function: Callable[..., Report]) -> Callable[..., None]:
+    """Make a command of a function: its signature and docstring give the options and their help."""
+    return command(function, own=JSON)(_print_report)
+
+
+def _print_report(call: Call) -> None:
+    result = call()
+    if call.own["json"]:
+        print(json_text(result.values), end="")
+        return
+    for rows in result.tables:
+        if rows:
+            show(rows)
+    for note in result.notes:
+        print(note)
+
+
+def cache_folder(cache: Path | None) -> Path:
+    """Where rendered recordings are kept: by default $XDG_CACHE_HOME or ~/.cache, below planview/scenes."""
+    if cache is not None:
+        return cache
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base) / "planview" / "scenes"
 
 
 def scene_files(names: Sequence[str], folder: Path, ending: str = ".toml") -> list[Path]:
     """Files of a folder by their names without the ending; all when none is named. Raises InputError: no such scene."""
-    known = {path.name.removesuffix(ending): path for path in sorted(folder.glob(f"*{ending}"))}
+    by_name = {path.name.removesuffix(ending): path for path in sorted(folder.glob(f"*{ending}"))}
     for name in names:
-        if name not in known:
-            raise InputError(f"--scene: expected one of {', '.join(known) or 'none'} in {folder}, found {name!r}")
-    return [known[name] for name in names or known]
+        if name not in by_name:
+            choices = ", ".join(by_name) or "none"
+            raise InputError(f"expected one of {choices} in {folder}, found {name!r}", argument="scene")
+    return [by_name[name] for name in names or by_name]
 
 
 def rendered(scene: Scene, name: str, cache: Path, frames: int | None = None) -> Path:
@@ -81,16 +97,21 @@ def rendered(scene: Scene, name: str, cache: Path, frames: int | None = None) ->
 
 def show(rows: Sequence[Mapping[str, Any]]) -> None:
     """Print rows of figures as a table, however wide: their keys head the columns, "-" stands for an unknown figure."""
-    table = pandas.DataFrame([{key.replace("_", " "): _cell(value) for key, value in row.items()} for row in rows])
-    names, table = table.columns[0], table.fillna("-")
-    width = max(map(len, [names, *table[names]]))
-    table = table.assign(**{names: table[names].str.ljust(width)}).rename(columns={names: names.ljust(width)})
+    cells = []
+    for row in rows:
+        cells.append({key.replace("_", " "): _cell(value) for key, value in row.items()})
+    table = pandas.DataFrame(cells).fillna("-")
+    first = table.columns[0]
+    width = max(map(len, [first, *table[first]]))
+    table[first] = table[first].str.ljust(width)
+    table = table.rename(columns={first: first.ljust(width)})
     print(table.to_string(index=False), end="\n\n")
 
 
 def _cell(value: object) -> str:
-    if isinstance(value, tuple):  # an interval
-        return f"{_cell(value[0])} [{_cell(value[1])}, {_cell(value[2])}]"
+    if isinstance(value, tuple):  # a figure with its interval
+        figure, low, high = map(_cell, value)
+        return f"{figure} [{low}, {high}]"
     if value is None or value != value:
         return "-"
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -16,7 +16,7 @@ import cv2
 
 import planview
 from benchmarks import peaks
-from benchmarks.options import progress, show
+from benchmarks.options import Row, progress
 from benchmarks.peaks import PeakTracker
 from calib.errors import WorkError
 from calib.io import whole_folder
@@ -34,16 +34,14 @@ from stereo.readers import OpenOptions
 FACING = "median difference of walkers to the truth, or where that has no facing, to their direction of walking"
 Job = TypeVar("Job")
 Result = TypeVar("Result")
-
-
 RATES_HZ = {"rgbd-one-walker": 5.0, "rgbd-six-people": 5.0}
 """Frame rates of real recordings without times, as the files that describe them give them."""
 
 
 def bench_engine(recording: Path, tracker: str, config: Config | None, camera: Path | None = None) -> Engine:
     """An engine of a recording with a tracker of planview, or the baseline "peaks" (errors as of ``open_engine``)."""
-    followed_by = cast(Any, PeakTracker() if tracker == "peaks" else tracker)
-    return open_engine(recording, followed_by, config, camera, OpenOptions(fps=RATES_HZ.get(recording.name)))
+    chosen = cast(Any, PeakTracker() if tracker == "peaks" else tracker)
+    return open_engine(recording, chosen, config, camera, OpenOptions(fps=RATES_HZ.get(recording.name)))
 
 
 @dataclass(frozen=True)
@@ -58,15 +56,15 @@ class Pass:
     @property
     def folder(self) -> Path:
         """Where the run is kept: a hash of the recording, the configuration and the engine's code is in its name."""
-        at = self.recording.resolve()
-        made = max((path.stat().st_mtime_ns for path in at.iterdir()), default=0)
-        text = f"{at} {made} {self.config.model_dump_json()} {self.tracker} {code_key()}"
-        return self.cache / "runs" / f"{at.name}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+        path = self.recording.resolve()
+        changed_ns = max((file.stat().st_mtime_ns for file in path.iterdir()), default=0)
+        text = f"{path} {changed_ns} {self.config.model_dump_json()} {self.tracker} {code_key()}"
+        return self.cache / "runs" / f"{path.name}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
 
 @cache
 def code_key() -> str:
-    """Of the source of everything that decides tracks: another version of it does not find older runs."""
+    """Key of the source of all that decides tracks: another version of it does not find older runs."""
     return key_of(code_version(), Path(peaks.__file__).read_text("utf-8"))
 
 
@@ -109,14 +107,18 @@ def _work_alone(work: Callable[[Job], Result], job: Job) -> Result:
 def provenance() -> dict[str, str]:
     """Commit of the sources ("unknown" outside of a git repository), marked where they differ from it, and date."""
     command = ["git", "-C", str(Path(planview.__path__[0])), "describe", "--always", "--dirty"]
-    commit = subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip() or "unknown"
-    return {"commit": commit, "date": datetime.now(UTC).date().isoformat()}
+    described = subprocess.run(command, capture_output=True, text=True, check=False)
+    return {"commit": described.stdout.strip() or "unknown", "date": datetime.now(UTC).date().isoformat()}
 
 
 @dataclass(frozen=True)
 class SceneScore:
-    """The scores of one way of tracking one recording of a length in frames and [s]; ``folder``: where tracks.csv and
-    run.json are, when they were kept."""
+    """The scores of one way of tracking one recording.
+
+    Attributes:
+        frames, duration_s: length of the recording.
+        folder: where tracks.csv and run.json are, when they were kept.
+    """
 
     name: str
     seed: int
@@ -127,6 +129,7 @@ class SceneScore:
     folder: Path | None = None
 
     def to_json(self) -> dict[str, Any]:
+        """Plain values."""
         return {
             "scene": self.name,
             "seed": self.seed,
@@ -140,7 +143,8 @@ class SceneScore:
 
 def together(scores: Sequence[SceneScore]) -> Evaluation:
     """All recordings as one, as long as they are together."""
-    return replace(pooled([score.evaluation for score in scores]), duration_s=sum(score.duration_s for score in scores))
+    duration_s = sum(score.duration_s for score in scores)
+    return replace(pooled([score.evaluation for score in scores]), duration_s=duration_s)
 
 
 def scores_json(scores: Sequence[SceneScore]) -> dict[str, Any]:
@@ -149,35 +153,50 @@ def scores_json(scores: Sequence[SceneScore]) -> dict[str, Any]:
     return {"scenes": [score.to_json() for score in scores], "totals": totals}
 
 
-def print_scores(what: str, scores: Sequence[SceneScore]) -> None:
-    """A row per recording and one of all together, then every error."""
+def score_table(what: str, scores: Sequence[SceneScore]) -> list[Row]:
+    """A row per recording and one of all together."""
+    rows = [_score_row({what: score.name, "seed": score.seed}, score.evaluation) for score in scores]
+    if scores:
+        rows.append(_score_row({what: "all", "seed": ""}, together(scores)))
+    return rows
+
+
+def _score_row(names: Row, evaluation: Evaluation) -> Row:
+    figures = evaluation.to_json()
+    counts = figures["significant_errors"]
+    kinds = [f"{kind} {counts[kind]}" for kind in KINDS if counts[kind]]
+    row = {**names, "rows": evaluation.sequence.truth_rows, "significant": ", ".join(kinds) or "none"}
+    row |= {key: figures[key] for key in ("events", "mota", "idf1", "switches")}
+    row["pos cm"] = _centimetres(figures["position_error_mean_m"])
+    row["height cm"] = _centimetres(figures["height_error_mean_m"])
+    row["facing deg"] = evaluation.facing.walkers_deg
+    return row
+
+
+def _centimetres(value_m: float | None) -> float | None:
+    return None if value_m is None else round(100 * value_m, 1)
+
+
+def error_notes(what: str, scores: Sequence[SceneScore]) -> list[str]:
+    """Rates of errors with their bounds, then every error."""
     if not scores:
-        return
+        return []
     every = together(scores)
-    rows = [_row({what: s.name, "seed": s.seed}, s.evaluation) for s in scores]
-    show([*rows, _row({what: "all", "seed": ""}, every)])
-    swapped = sum(error.kind == "swapped" for error in every.significant)
+    swaps = sum(error.kind == "swapped" for error in every.significant)
     counts = {
         "significant errors": len(every.significant),
         "events": every.events,
-        "with every change of identity": len(every.significant) - swapped + every.clear.switches,
+        "with every change of identity": len(every.significant) - swaps + every.clear.switches,
     }
     per = 600.0 / every.duration_s
-    rates = (f"{per * n:.1f} (at most {per * poisson_upper(n):.1f}) {name}" for name, n in counts.items())
-    print(f"facing deg: {FACING}")
-    print(f"in 10 minutes, of {every.duration_s / 60:.1f}, with the 95 % bound of so few: {', '.join(rates)}")
+    rates = [f"{per * n:.1f} (at most {per * poisson_upper(n):.1f}) {name}" for name, n in counts.items()]
+    minutes = every.duration_s / 60
+    notes = [
+        f"facing deg: {FACING}",
+        f"in 10 minutes, of {minutes:.1f}, with the 95 % bound of so few: {', '.join(rates)}",
+    ]
     for score in scores:
         for error in score.evaluation.significant:
             who = f"person {error.truth_id}, track {error.track_id}"
-            print(f"{what}: {score.name} ({score.seed}) frame {error.frame}: {error.kind}, {who}: {error.note}")
-
-
-def _row(names: dict[str, Any], evaluation: Evaluation) -> dict[str, Any]:
-    figures = evaluation.to_json()
-    kinds = [f"{kind} {n}" for kind in KINDS if (n := figures["significant_errors"][kind])]
-    row = {**names, "rows": evaluation.sequence.truth_rows, "significant": ", ".join(kinds) or "none"}
-    row |= {key: figures[key] for key in ("events", "mota", "idf1", "switches")}
-    for name, key in (("pos cm", "position_error_mean_m"), ("height cm", "height_error_mean_m")):
-        row[name] = None if figures[key] is None else round(100 * figures[key], 1)
-    row["facing deg"] = evaluation.facing.walkers_deg
-    return row
+            notes.append(f"{what}: {score.name} ({score.seed}) frame {error.frame}: {error.kind}, {who}: {error.note}")
+    return notes

@@ -6,8 +6,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from board_views import board_views, calibration_errors, random_rig
 
-from benchmarks.calibration import board_views, calibration_errors, random_rig
 from calib.board.detect import (
     Board,
     BoardView,

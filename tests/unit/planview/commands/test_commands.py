@@ -13,7 +13,6 @@ from toy_recordings import write_frames
 from toy_rgbd import write_toy_rgbd
 from toy_stereo import toy_rig
 
-from benchmarks.options import rendered
 from calib.errors import InputError, WorkError
 from calib.formats import load_rig, write_rig
 from calib.formats.one_camera import LensOnlyError
@@ -30,7 +29,6 @@ from planview.commands.check import check
 from planview.commands.options import typed
 from planview.counting.events import read_events
 from planview.engine.config import load_config
-from planview.synthetic.scene import load_scene
 from planview.trajectories.table import read_tracks, read_truth
 from stereo.readers import open_recording, open_video
 
@@ -104,14 +102,6 @@ def test_synth_of_one_camera_writes_images_camera_and_boxes(scene, tmp_path, cli
 )
 def test_synth_refuses_wrong_usage_and_folders_in_use(scene, tmp_path, words, printed, refused):
     assert printed in refused("synth", scene, tmp_path / words[0], *words[1:])
-
-
-def test_rendered_recording_is_kept_and_found_again(scene, tmp_path, capsys):
-    first = rendered(load_scene(scene), "s", tmp_path / "cache", 1)
-    assert rendered(load_scene(scene), "s", tmp_path / "cache", 1) == first
-    assert capsys.readouterr().err == "rendering s\n"
-    scene.write_text(SCENE.replace("2.4", "2.5"))
-    assert rendered(load_scene(scene), "s", tmp_path / "cache", 1) != first
 
 
 RULES = """
