@@ -10,8 +10,8 @@ from typing import Literal
 
 import numpy as np
 
+from benchmarks.members import draw_member, rig_scenes
 from benchmarks.options import Report, Row, benchmark, figure, progress, tables
-from benchmarks.random_scenes.generator import random_scene
 from calib.errors import WorkError
 from calib.ground_camera import GroundCamera
 from calib.io import load_toml
@@ -207,7 +207,8 @@ def floor_error_m(found: GroundCamera, true: GroundCamera, pixels: F64) -> float
 
 
 def rig_rows() -> list[Row]:
-    """Errors of two rigs in one random room, whose clocks begin apart: aligned by the people whom both track."""
+    """Errors of two rigs in one room, whose clocks begin apart: aligned by the people whom both track."""
+    table = load_toml(SCENES / "rigs" / "two.toml", "a scene in TOML")
     rows = []
     for seed in RIG_SEEDS:
         progress(f"two rigs, seed {seed}")
@@ -215,7 +216,7 @@ def rig_rows() -> list[Row]:
         with tempfile.TemporaryDirectory() as place:
             folder = Path(place) / "rigs"
             folder.mkdir()
-            write_rigs(random_scene("rigs", seed).rigs, folder, storage="jpg")
+            write_rigs(rig_scenes(draw_member(table, seed, "two")), folder, storage="jpg")
             true = load_rigs(folder / RIGS_FILE)
             try:
                 records = [record_rig(folder / entry.folder, Config()) for entry in true]

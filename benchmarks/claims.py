@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pandas
 
+from benchmarks.members import draw_scene
 from benchmarks.options import Report, Row, benchmark, cache_folder, rendered, tables
 from benchmarks.passes import Pass, run_pass
-from benchmarks.random_scenes.generator import scene_of_table
 from calib.io import load_toml
 from calib.types import F64
 from planview.engine.config import load_config
@@ -74,8 +74,8 @@ def claims(
     runners: list[Row] = []
     for one in seed:
         for name, fps in RECORDINGS:
-            table = load_toml(SCENES / "claims" / f"{name}.toml", "a challenge in TOML") | {"fps": fps}
-            scene = scene_of_table("suite", table, one, name).scene
+            table = load_toml(SCENES / "claims" / f"{name}.toml", "a scene in TOML") | {"fps": fps}
+            scene = draw_scene(table, one, name)
             recording = rendered(scene, f"claims-{name}-{one}-{fps:g}", folder)
             tracks = read_tracks(run_pass(Pass(recording, folder, settings)) / "tracks.csv")
             truth = everybody(scene, read_truth(recording / "truth.csv"))

@@ -1,4 +1,4 @@
-"""Counts and occupancy of one camera against known truth: committed scenes with rules, and random conference rooms."""
+"""Counts and occupancy of one camera against known truth: committed scenes with rules, and members of one of them."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.members import Table, Variation, draw_member, scenes_of
 from benchmarks.options import Report, Row, benchmark, cache_folder, progress, rendered, scene_files, tables
-from benchmarks.random_scenes.generator import random_scene
-from benchmarks.random_scenes.tables import RandomScene
 from calib.errors import InputError
+from calib.io import load_toml
+from calib.types import F64
 from planview.api.arguments import in_range
 from planview.api.run import run
 from planview.counting.rules import RulePlane, Rules, load_rules, parse_rules
@@ -58,15 +59,15 @@ def counting(
 
     Example of wrong numbers of people: python -m benchmarks counting --scene station --tracker ellipse-particle
 
-    Example with random conference rooms: python -m benchmarks counting --rooms 501 --rooms 502
+    Example with other conference rooms: python -m benchmarks counting --rooms 501 --rooms 502
 
     Args:
         scene: Only these rendered scenes, by name.
         tracker: Tracker of the scenes.
         frames: Only the first frames of every rendered scene.
         scenes: Folder with scenes and their rules.
-        rooms: Seeds of random conference rooms: another camera, other clothes and seats each. Seeds 0 to 9 were used to
-            tune the engine.
+        rooms: Seeds of members of the conference room: another camera, other clothes, places and times each. Seeds 0 to
+            99 are for tuning.
         out: Folder that keeps the runs; a temporary one by default.
         cache: Folder for rendered recordings; the user's cache by default.
         config: TOML file with parameters of the engine.
@@ -79,9 +80,10 @@ def counting(
     settings = load_config(config, set)
     with tempfile.TemporaryDirectory() as temporary:
         scorer = Scorer(tracker, cache_folder(cache), frames, out or Path(temporary), settings)
+        committed = load_toml(SINGLE / "conference.toml", "a scene in TOML")
         for seed in rooms:
-            room = random_scene("conference", seed)
-            scorer.score(room.scene, f"conference-{seed}", partial(room_rules, room))
+            room = draw_member(committed, seed, "conference")
+            scorer.score(scenes_of(room)[0], f"conference-{seed}", partial(room_rules, room, committed["camera"]))
         if not rooms:
             for path in scene_files(scene, scenes, RULES):
                 name = path.name.removesuffix(RULES)
@@ -89,10 +91,33 @@ def counting(
     return tables(crossings=scorer.crossings, occupancy=scorer.occupancy, frames=scorer.frames)
 
 
-def room_rules(room: RandomScene, plane: RulePlane) -> Rules:
-    """The floor of a conference room that its camera sees, as a zone."""
-    zone = {"name": "room", "polygon_m": [list(corner) for corner in room.zone_m]}
-    return parse_rules({"zone": [zone]}, plane, "room")
+def room_rules(member: Variation, committed: Table, plane: RulePlane) -> Rules:
+    """The zone of the committed conference room, which its camera sees, on the floor below a member's camera."""
+    (zone,) = load_toml(SINGLE / f"conference{RULES}", "rules in TOML")["zone"]
+    corners = []
+    for corner_m in zone["polygon_m"]:
+        in_room_m = member.floor.point(to_room(committed, corner_m))
+        corners.append(to_camera(member.table["camera"], in_room_m))
+    return parse_rules({"zone": [zone | {"polygon_m": corners}]}, plane, "room")
+
+
+def to_room(camera: Table, point_m: Sequence[float]) -> list[float]:
+    """A place in the room, from x to the right of a camera and y ahead of it."""
+    right, ahead = _axes(camera)
+    return list(np.array(camera["at_m"][:2]) + point_m[0] * right + point_m[1] * ahead)
+
+
+def to_camera(camera: Table, point_m: Sequence[float]) -> list[float]:
+    """Inverse of ``to_room``."""
+    away_m = np.array(point_m) - camera["at_m"][:2]
+    return [float(away_m @ axis) for axis in _axes(camera)]
+
+
+def _axes(camera: Table) -> tuple[F64, F64]:
+    """Unit vectors in the room to the right of a camera, and ahead."""
+    heading = np.radians(camera["heading_deg"])
+    ahead = np.array([np.cos(heading), np.sin(heading)])
+    return np.array([ahead[1], -ahead[0]]), ahead
 
 
 @dataclass

@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from benchmarks.members import draw_scene
 from benchmarks.options import Report, benchmark, cache_folder, json_text, progress, rendered, scene_files
 from benchmarks.passes import (
     Pass,
@@ -24,16 +25,17 @@ from benchmarks.passes import (
     scores_json,
     watched,
 )
-from benchmarks.random_scenes.generator import SUITE, random_scene
 from calib.errors import WorkError
 from calib.io import load_toml, write_whole
 from planview.api.arguments import in_range
 from planview.engine.config import Config, load_config
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.output.finished import refine_run
-from planview.synthetic.scene import Scene
+from planview.synthetic.assets import SCENES
+from planview.synthetic.scene import Scene, load_scene
 from planview.trajectories.table import Trajectories, read_tracks, read_truth
 
+SUITE = SCENES / "suite"
 Way = Literal["online", "refined"]
 """Tracks as they came, and those refined afterwards."""
 JUDGING_SEED = 100
@@ -75,7 +77,7 @@ def choose_files(files: Sequence[Path], seed: int, minutes: float) -> list[Path]
     left_s = 60.0 * minutes
     for place in np.random.default_rng([seed, 10]).permutation(len(files)):
         path = files[place]
-        length_s = float(load_toml(path, "a scene in TOML").get("duration_s", 30.0))
+        length_s = load_scene(path).duration_s
         if not chosen or length_s <= left_s + OVER_S:
             chosen.append(path)
             left_s -= length_s
@@ -83,8 +85,8 @@ def choose_files(files: Sequence[Path], seed: int, minutes: float) -> list[Path]
 
 
 def suite_recording(path: Path, seed: int, cache: Path) -> tuple[Path, Scene]:
-    """The recording of a scene of a seed, and the scene; from the cache when it is there."""
-    scene = random_scene("suite", seed, path).scene
+    """The recording of the member of a scene that a seed draws, and the member; from the cache when it is there."""
+    scene = draw_scene(load_toml(path, "a scene in TOML"), seed, path.stem)
     return rendered(scene, f"suite-{path.stem}-{seed}", cache), scene
 
 
@@ -155,6 +157,9 @@ def suite(
     set: Sequence[str] = (),
 ) -> Report:
     """Render the scenes of a seed, track them and score them.
+
+    A seed draws a member of every committed scene: mirrored or not, other places, times and speeds, clothes, heights,
+    light, floor and walls, and another stereo pair that looks nearly there. People who wander take other ways.
 
     Seeds 0 to 99 are for tuning the engine; seeds from 100 on are for judging it, each once. Rendered recordings, and
     runs of the present code over them, are kept in the cache: an interrupted suite resumes.

@@ -49,6 +49,47 @@ def data(copy: Path) -> Path:
     return copy.parent
 
 
+TINY = """description = "somebody crosses"
+fps = 10
+duration_s = 6
+[rig]
+width = 160
+height = 120
+focal_px = 110
+baseline_m = 0.3
+at_m = [3, 0.2, 2.3]
+tilt_deg = 66
+[[people]]
+start_m = [0.4, 3]
+steps = [{ go = [[5.6, 3]], speed_mps = 1.2 }]
+"""
+
+
+@pytest.fixture
+def tiny(tmp_path: Path) -> tuple[object, ...]:
+    """Words for the suite of a scene that is rendered in seconds."""
+    (tmp_path / "scenes").mkdir()
+    (tmp_path / "scenes" / "tiny.toml").write_text(TINY)
+    return "suite", "--scenes", tmp_path / "scenes", "--cache", tmp_path / "cache", "--json", "--seed"
+
+
+def test_suite_scores_members_of_a_scene(bench: Bench, tiny: tuple[object, ...], tmp_path: Path) -> None:
+    found = json_of(bench(*tiny, 3, "--seed", 4, "--out", tmp_path / "out"))
+    scenes = found["online"]["scenes"]
+    assert [(scene["scene"], scene["seed"]) for scene in scenes] == [("tiny", 3), ("tiny", 4)]
+    assert all(scene["truth_rows"] > 10 for scene in scenes)
+    assert scenes[0]["duration_s"] != scenes[1]["duration_s"]
+    assert json.loads((tmp_path / "out" / "suite.json").read_text()) == found
+    assert (tmp_path / "out" / "tiny-3" / "tracks.csv").is_file()
+
+
+def test_suite_renders_and_tracks_a_member_once(bench: Bench, tiny: tuple[object, ...], tmp_path: Path) -> None:
+    first = json_of(bench(*tiny, 3))
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*")}
+    assert json_of(bench(*tiny, 3)) == first
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*")} == kept
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_every_benchmark_has_help_with_an_example(bench: Bench, name: str) -> None:
     status, out, _ = bench(name, "--help")
@@ -62,6 +103,7 @@ def test_every_benchmark_has_help_with_an_example(bench: Bench, name: str) -> No
         (("speed", "--recording", "nowhere"), "nowhere"),
         (("suite", "--minutes", "0"), "--minutes"),
         (("suite", "--scene", "attic"), "--scene"),
+        (("suite", "--scenes", "tests/data"), "--scene"),
         (("counting", "--frames", "0"), "--frames"),
         (("counting", "--rooms", "-1"), "--rooms"),
         (("real", "--data", "nowhere"), "nowhere"),

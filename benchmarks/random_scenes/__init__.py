@@ -1,1 +1,0 @@
-"""Random scenes: the challenge suite, conference rooms, two rigs; each from a seed."""
