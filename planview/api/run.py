@@ -29,7 +29,15 @@ from planview.output.render import frames_or_none
 from planview.output.replay import difference_picture, difference_text, replay_run
 from planview.output.report.page import write_report
 from planview.output.resume import checkpoint_of, remove_checkpoint
-from planview.output.run import RunLog, RunOptions, begin_run, run_identity, skipped_between, track_into
+from planview.output.run import (
+    RunLog,
+    RunOptions,
+    begin_run,
+    refuse_another_run,
+    run_identity,
+    skipped_between,
+    track_into,
+)
 from planview.output.run_folder import RunFolder
 from planview.output.tables import MapsLog, refuse_unrecorded
 from planview.output.viewer import LiveViewer
@@ -166,9 +174,6 @@ def run(
     path = Path(recording)
     parameters = settings(config, set, base_config(path))
     _refuse_results(what, path)
-    if what.out and resume and finished_run(what.out) is not None:
-        _end(what.out, refine, console)
-        return _tracks_in(what.out)
     single = camera
     if calibration is not None and is_of_one_camera(Path(calibration), tracker, detections is not None):
         single, calibration = Path(calibration), None
@@ -200,15 +205,14 @@ def _refuse_results(what: _Written, recording: Path | None) -> None:
 
 def _end(out: Path, refine: bool, console: Console) -> None:
     """Do what a kill after the last frame left undone, the page last."""
-    with folder_lock(out):
-        info = RunFolder(out).info
-        remove_checkpoint(out)
-        if (out / "report.html").is_file() and (info.refined or not refine):
-            console.print(f"{out}: the run is finished; nothing is left to resume")
-        elif info.refined or refine:
-            refine_held_run(out)
-        else:
-            write_report(out)
+    info = RunFolder(out).info
+    remove_checkpoint(out)
+    if (out / "report.html").is_file() and (info.refined or not refine):
+        console.print(f"{out}: the run is finished; nothing is left to resume")
+    elif info.refined or refine:
+        refine_held_run(out)
+    else:
+        write_report(out)
 
 
 def _tracked(engine: Engine, what: _Written, console: Console) -> Trajectories:
@@ -229,10 +233,14 @@ def _tracked(engine: Engine, what: _Written, console: Console) -> Trajectories:
     every_s = 0.0 if engine.tracker_name == "detections" else what.checkpoint_every_s
     with folder_lock(what.out):
         how = RunOptions(analytics, first, last, every_s, what.strict)
-        _write(engine, what.out, what, how, console, progress)
-        if what.refine:
-            refine_held_run(what.out)
-    return _tracks_in(what.out)
+        if what.resume and finished_run(what.out) is not None:
+            refuse_another_run(engine, how, what.out)
+            _end(what.out, what.refine, console)
+        else:
+            _write(engine, what.out, what, how, console, progress)
+            if what.refine:
+                refine_held_run(what.out)
+        return _tracks_in(what.out)
 
 
 def _tracked_in_memory(

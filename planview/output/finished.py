@@ -108,8 +108,8 @@ def scores_of_refinement(folder: Path) -> str:
     refined = RunFolder(folder)
     if refined.truth_file is None:
         return ""
-    before = refined.as_tracked.evaluated()
-    after = refined.evaluated()
+    before = refined.as_tracked.evaluate()
+    after = refined.evaluate()
     gains = [(after.mota or 0) - (before.mota or 0), (after.idf1 or 0) - (before.idf1 or 0)]
     verdict = "equal"
     if max(gains) > EQUAL_SCORE:

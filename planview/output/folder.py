@@ -45,10 +45,10 @@ class RunWarning(InfoPart):
     name: str
     """As ``planview check`` calls it."""
     value: float | None = None
-    """What was found; None when it could not be measured."""
+    """Value found; None when it could not be measured."""
     unit: str = ""
     text: str
-    """What was expected and found, in one sentence."""
+    """Sentence on what was expected and found."""
 
 
 class RunInfo(InfoPart):
@@ -67,7 +67,7 @@ class RunInfo(InfoPart):
     end_s: float | None = None
     """Beginning of the first frame and end of the last one, as tracks.csv has times [s]; None before the first."""
     plane: Literal["", "floor", "image"] = ""
-    """Where people's places are known: on the floor in metres, or in the image alone."""
+    """Plane of people's places: the floor in metres, or the image alone."""
     first_frame: int = 0
     """Frame of the recording that the run began with."""
     tracker: str = ""
@@ -93,8 +93,8 @@ class RunInfo(InfoPart):
     skipped: list[SkippedFrame] = Field(default_factory=list)
     """The skipped frames (the first 1000) and why."""
     notes: list[str] = Field(default_factory=list)
-    """What the reader of the recording assumed, repaired or missed, and the size of people that a tracker learned, a
-    sentence each."""
+    """Sentences on what the reader of the recording assumed, repaired or missed, and on the size of people that a
+    tracker learned."""
     rig: CameraInfo | None = None
     floor: FloorInfo | None = None
     stages_ms: dict[str, float | None] = Field(default_factory=dict)
@@ -102,7 +102,7 @@ class RunInfo(InfoPart):
     people: int = 0
     """Ids that were confirmed for at least half a second in all."""
     remark: str = ""
-    """What a reader of the results should know, in one sentence: why there are none."""
+    """Sentence for readers of the results, e.g. why there are none."""
     warnings: list[RunWarning] = Field(default_factory=list)
     """Why the tracks may be wrong although the run finished: checks of the recording that failed."""
     counts: dict[str, JsonValue] = Field(default_factory=dict)
@@ -171,7 +171,7 @@ def folder_lock(folder: Path) -> Iterator[None]:
     place = folder.resolve()
     with writing(folder):
         place.mkdir(parents=True, exist_ok=True)
-        file = _locked(place / LOCK_NAME)
+        file = _open_lock(place / LOCK_NAME)
     with file:
         try:
             yield
@@ -186,8 +186,8 @@ def refuse_held(folder: Path) -> None:
             pass
 
 
-def _locked(path: Path) -> IO[str]:
-    """The lock file, locked and with our name in it."""
+def _open_lock(path: Path) -> IO[str]:
+    """Lock the file, and write our name into it."""
     while True:
         file = path.open("a+", encoding="utf-8", errors="replace")
         try:
@@ -274,8 +274,8 @@ def prepare_folder(folder: Path, overwrite: bool, recording: Path | None = None)
 
 
 def _views_in(folder: Path, recording: Path | None) -> list[Path]:
-    """What was drawn and exported of the run in a folder. Nothing where a recording lies in the folder: its images may
-    have such names."""
+    """Files that were drawn and exported of the run in a folder; none where a recording lies in the folder, whose
+    images may have such names."""
     try:
         earlier = read_run_info(folder / "run.json")
     except InputError:

@@ -120,7 +120,7 @@ def summary(console: Console, info: RunInfo, folder: Path) -> None:
 
 
 def as_text(renderable: RenderableType) -> str:
-    """What a console would print, as plain text for ``repr``, also in a notebook."""
+    """Text that a console would print, as plain text for ``repr``, also in a notebook."""
     file = io.StringIO()
     console = PlainConsole(file=file, width=120, highlight=False, force_jupyter=False, force_terminal=False)
     console.print(renderable)

@@ -50,10 +50,10 @@ def difference_picture(
     before = SceneComposer(results.as_tracked, bounds=bounds)(frame, image)
     after = SceneComposer(replayed.results, bounds=bounds)(frame, image)
     width = max(before.shape[1], after.shape[1])
-    return np.vstack([_titled(before, "as it was run", width), _titled(after, title, width)])
+    return np.vstack([_with_title(before, "as it was run", width), _with_title(after, title, width)])
 
 
-def _titled(picture: U8, title: str, width: int) -> U8:
+def _with_title(picture: U8, title: str, width: int) -> U8:
     """A picture of at least this width, with a title above it."""
     strip: U8 = np.full((TITLE_PX, width, 3), 235, dtype=np.uint8)
     cv2.putText(strip, title, (8, TITLE_PX - 10), cv2.FONT_HERSHEY_SIMPLEX, 0.55, (40, 40, 40), 1, cv2.LINE_AA)
@@ -130,8 +130,8 @@ def _decisions_of(path: Path, last: int) -> list[FrameText]:
 
 
 def _without(decisions: list[FrameText], others: list[FrameText]) -> list[FrameText]:
-    known = set(others)
-    return [decision for decision in decisions if decision not in known]
+    left_out = set(others)
+    return [decision for decision in decisions if decision not in left_out]
 
 
 @dataclass(frozen=True, eq=False)

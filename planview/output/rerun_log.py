@@ -24,7 +24,7 @@ from planview.trajectories.clock import Clock
 from planview.trajectories.table import Trajectories
 
 UNKNOWN_HEIGHT_M = 1.7
-"""Where the head of a true person is drawn whose height is not known."""
+"""Height at which the head of a true person is drawn whose height is not known."""
 
 
 def log_assessment(stream: rr.RecordingStream, results: RunFolder) -> None:

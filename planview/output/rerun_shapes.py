@@ -149,7 +149,7 @@ OVER = 10.0
 """Order of drawing of floor and maps: both lie in one plane, since what is transparent hides what lies below it."""
 LOWEST_SHOWN_M = -0.5
 HIGHEST_SHOWN_M = 3.5
-"""What lies lower or higher is noise or hides the view."""
+"""Points that lie lower or higher are noise or hide the view."""
 POINTS_MAX = 60_000
 
 

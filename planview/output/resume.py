@@ -1,4 +1,4 @@
-"""What a run is made of, and checkpoints: where an interrupted run resumes.
+"""Identity of a run, and checkpoints: where an interrupted run resumes.
 
 A checkpoint holds plain values (``calib.carried``) as JSON and arrays, no code and no classes.
 """
@@ -34,7 +34,7 @@ from stereo.readers.images import SUFFIXES
 
 
 class UnidentifiedError(InputError):
-    """What decides the tracks of a run cannot be told from something else: the run cannot be resumed."""
+    """A part of a run cannot be told from another one, so that the run cannot be resumed."""
 
 
 def part_name(part: object) -> str:
@@ -58,7 +58,7 @@ def refuse_unidentified(engine: Engine) -> None:
         raise UnidentifiedError(f"{engine.recording.path}: a recording without files cannot be resumed")
 
 
-def described(info: RunInfo) -> dict[str, dict[str, Any]]:
+def known_identity(info: RunInfo) -> dict[str, dict[str, Any]]:
     """The parts of a run's identity that run.json holds."""
     values = info.model_dump(mode="json")
     camera = values["rig"]
@@ -275,7 +275,7 @@ def checkpoint_of(folder: Path, identity: dict[str, Any], warn: Callable[[str], 
             return checkpoint
     products = products_in(folder)
     if not all(product.name.endswith(PART) for product in products):
-        _refuse_another_beginning(folder, identity)
+        refuse_another_run(folder, identity)
     if products:
         warn(f"{folder}: no checkpoint to resume from; the run starts again")
     return None
@@ -298,11 +298,11 @@ def _usable_checkpoint(path: Path, identity: dict[str, Any], warn: Callable[[str
     return checkpoint
 
 
-def _refuse_another_beginning(folder: Path, identity: dict[str, Any]) -> None:
-    """Raise HoldsResultsError where run.json describes another run: only the beginning of this one is replaced."""
+def refuse_another_run(folder: Path, identity: dict[str, Any]) -> None:
+    """Raise HoldsResultsError where the run.json of a folder describes another run."""
     file = folder / "run.json"
-    begun = described(read_run_info(file) if file.is_file() else RunInfo())
+    begun = known_identity(read_run_info(file) if file.is_file() else RunInfo())
     expected = {part: {name: identity[part].get(name) for name in begun[part]} for part in begun}
     other = difference(begun, expected | {"part": identity["part"]})
     if other:
-        raise HoldsResultsError(f"{folder}: cannot resume: it holds the beginning of a run with {other}")
+        raise HoldsResultsError(f"{folder}: cannot resume: it holds a run with {other}")

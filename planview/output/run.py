@@ -83,7 +83,7 @@ def interrupt_event() -> Iterator[threading.Event]:
 
 @dataclass
 class RunOptions:
-    """What a run writes besides tracks."""
+    """Options of a run, besides its engine and its folder."""
 
     analytics: Analytics | None = None
     """Counts while running; None for no rules."""
@@ -158,7 +158,7 @@ TIMES_MAX = 4096
 
 @dataclass
 class RunTotals(Carried):
-    """What a run has counted so far."""
+    """Counts of a run so far."""
 
     RECORDS = (Event,)
     frames: int = 0
@@ -394,7 +394,7 @@ def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str]) -> di
     or a recording that cannot be told from another one."""
     recording = engine.recording
     resume.refuse_unidentified(engine)
-    identity = resume.described(_info_of(engine, options))
+    identity = resume.known_identity(_info_of(engine, options))
     identity["version"] = resume.library_versions() | {"planview": resume.code_version()}
     identity["recording"] |= {
         "images": resume.content_key(recording.path, recording.files),
@@ -406,6 +406,11 @@ def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str]) -> di
         rules = {"rules": replace(counts.rules, source=""), "params": counts.params}
         identity["settings"]["rules"] = resume.digest_of(rules)
     return identity
+
+
+def refuse_another_run(engine: Engine, options: RunOptions, folder: Path) -> None:
+    """Raise HoldsResultsError where the run in a folder is another one, as far as run.json describes it."""
+    resume.refuse_another_run(folder, resume.known_identity(_info_of(engine, options)))
 
 
 def _info_of(engine: Engine, options: RunOptions) -> RunInfo:

@@ -74,7 +74,7 @@ class RunFolder:
 
     @property
     def has_run(self) -> bool:
-        """Whether there is a run.json; ``info`` is empty without one."""
+        """True where there is a run.json; ``info`` is empty without one."""
         return (self.path / "run.json").is_file()
 
     @cached_property
@@ -112,7 +112,7 @@ class RunFolder:
 
     @cached_property
     def events(self) -> list[Event]:
-        """Of events.csv; none without it."""
+        """Events of events.csv; none without it."""
         file = self.path / "events.csv"
         return read_events(file) if file.is_file() else []
 
@@ -147,12 +147,12 @@ class RunFolder:
 
     @property
     def options(self) -> OpenOptions:
-        """What the recording is opened with again."""
+        """Options to open the recording with again."""
         return self._source.opened
 
     @property
     def tracked(self) -> Path | None:
-        """What the run read: its recording, or maps.h5 of an earlier run."""
+        """Recording that the run read, or maps.h5 of an earlier run."""
         return _recording_of(self.info)
 
     @property
@@ -185,7 +185,7 @@ class RunFolder:
 
     @property
     def rule_plane(self) -> RulePlane:
-        """Where rules of these tracks are applied, as while they were tracked."""
+        """Plane of the rules of these tracks, as while they were tracked."""
         return RulePlane(self.camera, self.info.size_px)
 
     @cached_property
@@ -206,7 +206,7 @@ class RunFolder:
             raise InputError(f"{where}: expected the truth of the run's recording, found none")
         return self.truth
 
-    def evaluated(self, params: EvaluationParams | None = None, frames: tuple[int, int] | None = None) -> Evaluation:
+    def evaluate(self, params: EvaluationParams | None = None, frames: tuple[int, int] | None = None) -> Evaluation:
         """The scores of the tracks, by default at the rate of the run and in all its frames (see ``evaluate_tracks``).
         Raises InputError: no truth."""
         from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks  # brings scipy
@@ -240,7 +240,7 @@ class RunFolder:
 
     @property
     def on_floor(self) -> bool:
-        """Whether the floor is known: without a camera, people are in pixels alone."""
+        """True where the floor is known: without a camera, people are in pixels alone."""
         return self.info.floor is not None or bool(np.isfinite(self.tracks.x_m).any())
 
     @property
@@ -250,7 +250,7 @@ class RunFolder:
 
     @property
     def rule_counts(self) -> dict[str, Any]:
-        """Of every rule by name, its kind, points and totals."""
+        """Kind, points and totals of every rule, by name."""
         rules = self.counts.get("rules")
         return rules if isinstance(rules, dict) else {}
 
@@ -262,7 +262,7 @@ class RunFolder:
         return [(view.at_m, np.array(view.view_m, dtype=np.float64).reshape(-1, 2)) for view in views]
 
     def bounds(self) -> PlanBounds:
-        """Where people were, the rules, and cameras that are not far from them."""
+        """Part of the floor with people, rules, and cameras that are not far from them."""
         people = self.tracks.where(self.tracks.state != "tentative")
         places = [np.column_stack([people.x_m, people.y_m])]
         places += [rule.points for rule in self.rules if rule.on_floor]

@@ -82,7 +82,7 @@ class FrameFile:
 
 
 def is_as_marked(path: Path, size: int, digest: str) -> bool:
-    """Whether a file begins with what a ``FrameFile`` had written at its mark."""
+    """True where a file begins with what a ``FrameFile`` had written at its mark."""
     if not path.is_file():
         return False
     with path.open("rb") as file:

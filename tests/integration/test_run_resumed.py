@@ -137,7 +137,7 @@ def test_another_recording_or_option_is_not_resumed_with(cli, refused, copy, tmp
     assert cli("run", copy, "--out", out, "--set", FEW, "--frames", "3", "--checkpoint-every", FREQUENT_S)[0] == 0
     (out / "run.json").write_text((out / "run.json").read_text().replace('"finished": true', '"finished": false'))
     output = refused("run", copy, "--out", out, "--set", "analysis.setup_frames=5", "--resume")
-    assert "the beginning of a run with another configuration (analysis" in output
+    assert "holds a run with another configuration (analysis" in output
 
 
 class OwnMatcher:
@@ -268,6 +268,16 @@ def test_what_a_kill_after_the_last_frame_left_undone_is_done(cli, copy, tmp_pat
     found = {file.name: file.read_bytes() for file in out.iterdir()}
     assert found.keys() == whole.keys() and found["tracks.csv"] == whole["tracks.csv"]
     assert "nothing is left to resume" in cli(*words, "--resume")[1]
+
+
+def test_a_finished_run_of_other_settings_is_not_taken_for_the_one_that_is_resumed(cli, refused, copy, tmp_path):
+    out = tmp_path / "out"
+    assert cli("run", copy, "--out", out, "--set", FEW, "--frames", "3")[0] == 0
+    before = {file.name: file.read_bytes() for file in out.iterdir()}
+    assert "another configuration (joint)" in refused(
+        "run", copy, "--out", out, "--set", FEW, "--set", "joint.stay_s=0.7", "--resume"
+    )
+    assert {file.name: file.read_bytes() for file in out.iterdir()} == before
 
 
 def test_a_run_that_was_killed_before_it_was_refined_is_refined(cli: Cli, copy: Path, tmp_path: Path) -> None:

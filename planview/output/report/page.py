@@ -35,7 +35,7 @@ def scores_of(results: RunFolder) -> Evaluation | None:
     if truth is None or not results.has_run or len(results.tracks) + len(truth) > SCORED_ROWS_MAX:
         return None
     try:
-        return results.evaluated()
+        return results.evaluate()
     except (InputError, WorkError):
         return None  # truth in another world, or without positions: the page does without
 

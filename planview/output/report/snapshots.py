@@ -224,7 +224,7 @@ def _picture(request: _Request, tiles: Sequence[U8 | None]) -> Picture | None:
 
 
 def _place(snapshot: Snapshot, error: SignificantError, camera: FloorCamera | None) -> F64 | None:
-    """Where the person of an error is in the image [px]: by the truth, else by the track."""
+    """Place in the image of the person of an error [px]: by the truth, else by the track."""
     people = [person for person in snapshot.truth if person.track_id == error.truth_id]
     people += [person for person in snapshot.people if person.track_id == error.track_id]
     for person in people:

@@ -13,13 +13,13 @@ from planview.output.resume import (
     CHECKPOINT,
     Checkpoint,
     checkpoint_of,
-    described,
     difference,
+    known_identity,
     read_checkpoint,
     write_checkpoint,
 )
 
-IDENTITY: dict[str, Any] = {"version": {}} | described(RunInfo(config={"seed": 0}, tracker="joint"))
+IDENTITY: dict[str, Any] = {"version": {}} | known_identity(RunInfo(config={"seed": 0}, tracker="joint"))
 
 
 @pytest.mark.parametrize("array", [np.arange(6.0).reshape(2, 3), np.arange(6.0).reshape(2, 3).T])
