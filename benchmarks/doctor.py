@@ -23,9 +23,8 @@ from stereo.depth import DEPTH_UNITS, metres
 from stereo.doctor.explain import RAW_UNITS, explain, explain_colours, explain_fields, place_of_depth
 from stereo.doctor.hypotheses import COLOURS, FIELDS, LATE, LENGTHS, OFFSET_DEPTH, REGISTER, WHICH
 from stereo.readers import open_any
-from stereo.readers.state import rectified_rig
 from stereo.recording import Decoded, DepthCamera, Pair, Recording
-from stereo.rectify import Rectifier
+from stereo.rectify import Rectifier, rectified_rig
 
 FRAMES = 60
 """Consecutive frames in which a delay is looked for."""
@@ -81,7 +80,7 @@ def pair_faults(rig: StereoRig) -> list[Fault]:
         own = replace(larger, left=left, right=right)
         return lambda head: replace(head, rig=replace(own, right_SE3_left=pose or rig.right_SE3_left))
 
-    pose, ideal = rig.right_SE3_left, rectified_rig(lambda: rig, rig)[0]
+    pose, ideal = rig.right_SE3_left, rectified_rig(rig)
     inverse = SE3(pose.inverse().rotation, -pose.inverse().translation)
     aligned = rectified(rig)
 

@@ -242,3 +242,29 @@ def aligned_rectifier(
     rectifier = Rectifier(correction(rig), params)
     scale = rectifier.geometry.width / plain.geometry.width
     return rectifier, replace(correction, before_px=correction.before_px * scale, after_px=correction.after_px * scale)
+
+
+def rectified_rig(rig: StereoRig) -> StereoRig:
+    """The calibration of the rectified images of a pair, as OpenCV computes it for alpha 0; itself where it is one."""
+    if is_ideal(rig):
+        return rig
+    pose = rig.right_SE3_left
+    turn = pose.rotation
+    shift_column = pose.translation.reshape(3, 1)
+    lenses = [(camera.matrix, camera.coefficients) for camera in (rig.left, rig.right)]
+    (k1, d1), (k2, d2) = lenses
+    if "fisheye" in (rig.left.model, rig.right.model):
+        _, _, p1, p2, _ = cv2.fisheye.stereoRectify(k1, d1, k2, d2, rig.left.size, turn, shift_column, 0)
+    else:
+        _, _, p1, p2, *_ = cv2.stereoRectify(k1, d1, k2, d2, rig.left.size, turn, shift_column, alpha=0.0)
+    left, right = (
+        Camera(*rig.left.size, float(p[0, 0]), float(p[1, 1]), float(p[0, 2]), float(p[1, 2])) for p in (p1, p2)
+    )
+    shift = np.array([-rig.baseline_m, 0.0, 0.0])
+    return StereoRig(left, right, SE3(np.eye(3), shift), f"{rig.source} [rectified images]")
+
+
+def is_ideal(rig: StereoRig) -> bool:
+    """Whether a rig is that of rectified images: no distortion, no rotation."""
+    turned = float(np.abs(rig.right_SE3_left.rotation - np.eye(3)).max())
+    return turned < 1e-9 and not any(np.any(one.coefficients) for one in (rig.left, rig.right))

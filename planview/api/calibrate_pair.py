@@ -24,6 +24,7 @@ from planview.api.arguments import Settings, in_range, one_of, path_of, settings
 from planview.calibration.align import RigAlignment, align_records, record_rig, relative_to, rig_entries
 from planview.calibration.board import BoardRequest, calibrate_images, write_report
 from planview.output.progress import PlainConsole
+from stereo.rectify import rectified_rig
 
 _Found = TypeVar("_Found")
 
@@ -209,6 +210,7 @@ def convert(
     unit: str | None = None,
     cameras: str | None = None,
     swap: bool = False,
+    rectified: bool = False,
 ) -> Calibrated[StereoRig]:
     """Convert a calibration from one format to another.
 
@@ -226,6 +228,7 @@ def convert(
         unit: Length of the file's unit of translation, e.g. mm, or 24.23mm for a file in chessboard squares.
         cameras: Left and right camera of a file with more than two, e.g. cam1,cam2.
         swap: The file calls the right camera left.
+        rectified: Write the calibration of rectified images: P1 and P2 of the file, else OpenCV's for alpha 0.
 
     Raises:
         InputError: a calibration that cannot be read, or a format that is not known.
@@ -241,7 +244,10 @@ def convert(
         cameras=None if cameras is None else _pair(cameras),
         unit_m=None if unit is None else parse_length(unit, "unit="),
         swap=swap,
+        rectified=rectified or None,
     )
+    if rectified:
+        rig = rectified_rig(rig)
     return Calibrated(rig, list(write_rig(rig, target, to, calibration_files(source))))
 
 

@@ -14,7 +14,7 @@ from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F32, U8, AnyArray
 from stereo.depth import DEPTH_UNITS, metres
-from stereo.readers.state import rectified_rig
+from stereo.rectify import rectified_rig
 
 
 class StoredDepth(NamedTuple):
@@ -83,10 +83,6 @@ def _of_images(scale: float) -> Callable[[StereoRig], StereoRig]:
         return replace(own, fx=own.fx / scale, fy=own.fy / scale, cx=cx, cy=cy)
 
     return lambda rig: replace(rig, left=fitted(rig.left), right=fitted(rig.right))
-
-
-def _rectified(rig: StereoRig) -> StereoRig:
-    return rectified_rig(lambda: rig, rig)[0]
 
 
 def _inverted(rig: StereoRig) -> StereoRig:
@@ -169,7 +165,7 @@ PAIRS = (
         for which, exchanged, left, right in WHICH
     ),
     Hypothesis("the images of one camera are negative", BACK, right=lambda image: 255 - image),
-    Hypothesis("the images are rectified already", "give the calibration of the rectified images", rig=_rectified),
+    Hypothesis("the images are rectified already", "give the calibration of the rectified images", rig=rectified_rig),
     Hypothesis("the images of one camera are shifted up or down", "cut the images of both alike", rows="shifted"),
     Hypothesis("the images are not rectified yet", "give the calibration of the images as they are", rows="curved"),
     Hypothesis("the lenses of left and right are exchanged", "exchange them in the calibration", rig=_of_other_cameras),

@@ -19,9 +19,8 @@ from stereo.depth import RectifiedGeometry, back_project, median_image
 from stereo.doctor.hypotheses import AS_RECORDED, PLACES, Hypothesis
 from stereo.floor import FITTED_STEP_PX, FloorSearch, floor_in, moved_patches
 from stereo.matcher import DisparityRange, SgbmMatcher
-from stereo.readers.state import is_ideal
 from stereo.recording import Frame, Shot
-from stereo.rectify import Rectified, Rectifier, RectifyParams
+from stereo.rectify import Rectified, Rectifier, RectifyParams, is_ideal
 from stereo.rig_correction import match_corners
 
 WIDTH = 320

@@ -298,14 +298,10 @@ def _find(path: Path, options: OpenOptions) -> base.Layout:
     frames = base.FramePairs(base.together(a, b), len(pairs.left), pairs.unpaired)
     folder = path if path.is_dir() else path.parent
     if options.calibration:
-        given = options.calibration
-        other = base.other_state(given, size)
-        return base.stereo_layout(path, frames, streams, clock, partial(load_rig, given, size), notes, folder, other)
-    rectified = all(map(is_rectified, names))
-    sdk = any(map(_SDK.fullmatch, names))
-    other_rig = None if sdk else (lambda _: (rig_of(bag, names, size, not rectified), ""))
-    stereo_rig = partial(rig_of, bag, names, size, rectified)
-    return base.stereo_layout(path, frames, streams, clock, stereo_rig, notes, folder, other_rig)
+        stereo_rig = partial(load_rig, options.calibration, size)
+    else:
+        stereo_rig = partial(rig_of, bag, names, size, all(map(is_rectified, names)))
+    return base.stereo_layout(path, frames, streams, clock, stereo_rig, notes, folder)
 
 
 READER = base.Reader("bag", "a bag", lambda path: bag_at(path) is not None, _find)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,6 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 
 from calib.errors import InputError
-from calib.formats import load_rig
 from calib.io import size_text
 from calib.pose import SE3
 from calib.rig import DepthSensor, RgbdRig, StereoRig
@@ -23,7 +22,6 @@ from calib.world import load_world
 from stereo.depth import Depths
 from stereo.readers.images import Colour, Images, Size, Stream, bits_note, bits_of, frame_number, images_of
 from stereo.readers.pairing import ONE_TIME, TimePairs, pair_stamps
-from stereo.readers.state import rectified_rig, settled
 from stereo.readers.times import holds_date, load_timestamps, unused_times
 from stereo.recording import (
     Decoded,
@@ -119,15 +117,6 @@ class Reader:
     find: Callable[[Path, OpenOptions], Layout]
 
 
-OtherRig = Callable[[StereoRig], tuple[StereoRig, str]]
-"""From the rig that a recording was opened with, that of its images in another state, and what that one assumes."""
-
-
-def other_state(calibration: Path, size: Size) -> OtherRig:
-    """The rig of rectified images by a calibration of raw ones."""
-    return lambda rig: rectified_rig(partial(load_rig, calibration, size, rectified=True), rig)
-
-
 class FramePairs(NamedTuple):
     """Frames of two cameras: how those of ascending indices, or all, are decoded, how many are announced, how many of
     one camera the other lacks, and whether they come as they are taken."""
@@ -146,24 +135,14 @@ def stereo_layout(
     rig: Callable[[], StereoRig],
     notes: Iterable[str] = (),
     folder: Path | None = None,
-    other: OtherRig | None = None,
 ) -> Layout:
-    """Two cameras whose frames are paired; world.toml lies in the folder, or at the path; ``other`` gives the rig of
-    images in another state than expected."""
+    """Two cameras whose frames are paired; world.toml lies in the folder, or at the path."""
     remarks = (*clock.notes, *notes, *["one pair of images, in which nobody walks"] * (pairs.n_frames == 1))
 
     def opened() -> Recording[Pair]:
         kind = LiveRecording if pairs.live else Recording[Pair]
         head = Pair(rig(), world_pose(folder or path))
-        recording = kind(path, pairs.decode, pairs.n_frames, clock, [*remarks], head)
-        if other is not None:
-            with suppress(InputError):  # the calibration has no other
-                # What the state is shows in any second; frames from the whole of a video would all have to be decoded.
-                seen = [(left, right) for left, right in (frame.images for frame in recording.sample(3, among=30))]
-                settled_rig, note = settled(seen, head.rig, *other(head.rig))
-                recording.head = replace(head, rig=settled_rig)
-                recording.notes += [note] * bool(note)
-        return recording
+        return kind(path, pairs.decode, pairs.n_frames, clock, [*remarks], head)
 
     return Layout("stereo", streams, pairs.n_frames, clock, remarks, pairs.unpaired, opened)
 
@@ -302,10 +281,8 @@ def timed_layout(
     rig: Callable[[Size], StereoRig],
     notes: Sequence[str] = (),
     folder: Path | None = None,
-    calibration: Path | None = None,
 ) -> Layout:
-    """Images paired by their times; world.toml lies in the folder, or at the path. A calibration that is given may be
-    that of images in another state (``other_state``)."""
+    """Images paired by their times; world.toml lies in the folder, or at the path."""
     for side in (left, right):
         if not side.files:
             raise InputError(f"{side.folder}: expected images, found none")
@@ -322,8 +299,7 @@ def timed_layout(
         for name, side, source in (("left", left, a), ("right", right, b))
     )
     each, clock = FramePairs(together(a, b), len(pairs.left), pairs.unpaired), clock_of_pairs(pairs, options)
-    other, remarks = other_state(calibration, size) if calibration else None, (*notes, *bits_note(bits))
-    return stereo_layout(path, each, streams, clock, partial(rig, size), remarks, folder, other)
+    return stereo_layout(path, each, streams, clock, partial(rig, size), (*notes, *bits_note(bits)), folder)
 
 
 def check_paired(pairs: TimePairs, path: Path) -> None:

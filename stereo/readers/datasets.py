@@ -46,8 +46,7 @@ def _euroc_find(path: Path, options: OpenOptions) -> Layout:
             if "left and right are swapped" in str(error):
                 note = "cam0 is the right camera by its calibration, and cam1 the left one: taken so"
                 return timed_layout(path, second, first, options, partial(load_rig, root, swap=True), (note,))
-    own = options.calibration or root
-    return timed_layout(path, first, second, options, partial(load_rig, own), calibration=own)
+    return timed_layout(path, first, second, options, partial(load_rig, options.calibration or root))
 
 
 def _euroc_camera(folder: Path) -> TimedFiles:

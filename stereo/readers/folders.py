@@ -57,7 +57,7 @@ def sides_layout(path: Path, sides: Sides, folder: Path, options: OpenOptions) -
         timed = [base.TimedFiles(at, files, own.ns) for at, files in each if (own := stamps_of(files, at, folder))]
         if len(timed) == 2:
             given = options.calibration or folder
-            return base.timed_layout(path, timed[0], timed[1], options, partial(load_rig, given), (), folder, given)
+            return base.timed_layout(path, timed[0], timed[1], options, partial(load_rig, given), (), folder)
     pairs = pair_files(*sides.files, sides.number)
     return files_layout(path, pairs, options, folder, numbering_note(pairs, sides.number))
 
@@ -77,9 +77,8 @@ def files_layout(
         for name, files, source in zip(("left", "right"), sides, (a, b), strict=True)
     )
     each = base.FramePairs(base.together(a, b), len(pairs), sum(None in pair for pair in pairs))
-    given = options.calibration or folder
-    rig, other = partial(load_rig, given, size), base.other_state(given, size)
-    return base.stereo_layout(path, each, streams, clock, rig, (*notes, *bits_note(bits)), folder, other)
+    rig = partial(load_rig, options.calibration or folder, size)
+    return base.stereo_layout(path, each, streams, clock, rig, (*notes, *bits_note(bits)), folder)
 
 
 def images_there(pairs: Sequence[Pair]) -> list[Path | None]:

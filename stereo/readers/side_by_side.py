@@ -1,8 +1,8 @@
-"""Both cameras in one video: how they share its pictures, which is the left one, and the recording."""
+"""Both cameras in one video: how they share its pictures, and the recording."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing, suppress
 from dataclasses import replace
 from functools import partial
@@ -15,11 +15,11 @@ from PIL import Image
 
 from calib.errors import InputError
 from calib.formats import load_rig
+from calib.images import as_grey
 from calib.rig import StereoRig
 from calib.types import U8
 from stereo.readers.base import FramePairs, FrameSource, Layout, Reader, clock_of, stereo_layout, together
 from stereo.readers.images import Colour, Size, Stream, bits_of, image_files, images_of, is_grey
-from stereo.readers.state import Common, common, find_order, rectified_rig
 from stereo.readers.video import (
     DEPTH_IN_VIDEO,
     SUFFIXES,
@@ -30,6 +30,7 @@ from stereo.readers.video import (
     video_tracks,
 )
 from stereo.recording import DecodedPair, OpenOptions
+from stereo.rig_correction import match_corners
 
 
 class Packing(NamedTuple):
@@ -60,6 +61,35 @@ class Packing(NamedTuple):
         return np.asarray(first, dtype=np.uint8), np.asarray(second, dtype=np.uint8)
 
 
+FEATURES, SEARCH_PX = 150, 24
+"""Corners tried in a view, and how far apart rows of cameras that are not rectified may be [px of 320]."""
+
+
+class Common(NamedTuple):
+    """Corners in the first views of some pairs, and how many of them the second views show, too."""
+
+    corners: int = 0
+    matched: int = 0
+
+
+def common_corners(pairs: Iterable[tuple[U8, U8]]) -> Common:
+    """Match corners between the two views of each pair."""
+    corners = matched = 0
+    for first, second in pairs:
+        width = min(first.shape[1], 320)
+        size = width, round(first.shape[0] * width / first.shape[1])
+        a = np.asarray(cv2.resize(as_grey(first), size, interpolation=cv2.INTER_AREA), np.uint8)
+        b = np.asarray(cv2.resize(as_grey(second), size, interpolation=cv2.INTER_AREA), np.uint8)
+        points = cv2.goodFeaturesToTrack(a, FEATURES, 0.01, 14.0)
+        corners += 0 if points is None else len(points)
+        reach = 0.3 * width  # largest disparity, each way
+        offsets = match_corners(a, b, reach, -reach, features=FEATURES, search_px=SEARCH_PX)[:, 3]
+        if len(offsets):
+            # Matches of one pair of cameras lie about on one row offset [px of 320].
+            matched += int(np.count_nonzero(np.abs(offsets - np.median(offsets)) <= 4.0))
+    return Common(corners, matched)
+
+
 def find_packing(pictures: Sequence[U8], aspect: float | None) -> tuple[Packing | None, Common]:
     """The packing whose two views have most in common, None when none gives two views of one scene, and what they have
     in common; ``aspect`` is the width over the height of one camera's images by the calibration, None when unknown."""
@@ -67,8 +97,8 @@ def find_packing(pictures: Sequence[U8], aspect: float | None) -> tuple[Packing 
     candidates = _possible((width, height), aspect) or _possible((width, height), None)
     if not candidates:
         return None, Common()
-    shared = [common(map(packing.split, pictures)) for packing in candidates]
-    fractions = [len(one.matches) / max(1, one.corners) for one in shared]
+    shared = [common_corners(map(packing.split, pictures)) for packing in candidates]
+    fractions = [one.matched / max(1, one.corners) for one in shared]
     best = int(np.argmax(fractions))
     found = shared[best]
     if found.corners < 20:  # too few: what is most usual for the size
@@ -132,7 +162,7 @@ def packed_layout(
     rig: Callable[[], StereoRig] | None = None,
     live: bool = False,
 ) -> Layout:
-    """How the two views share a source's pictures, and which is the left one.
+    """How the two views share a source's pictures; the left or upper one is the left camera's.
 
     Args:
         named: the video, for messages.
@@ -150,35 +180,22 @@ def packed_layout(
     if packing is None:
         raise _no_pair(named, source.size, pictures, shared).about(str(named))
     size = packing.size(source.size)
-    rectified_of = partial(load_rig, calibration, size, rectified=True)
-    order, assumed = None, ""
-    with suppress(InputError):  # without a calibration nothing shows the order
-        own = load_rig(calibration, size)
-        rectified, assumed = rectified_rig(rectified_of, own)
-        order = find_order(shared.matches, own, rectified)
-    pixels, stored = "grey" if is_grey(pictures[0]) else "colour", packing.stored(source.size)
-    streams = tuple(Stream(name, stored, source.n_frames, None, pixels, source.files) for name in ("left", "right"))
+    pixels = "grey" if is_grey(pictures[0]) else "colour"
+    streams = tuple(
+        Stream(name, packing.stored(source.size), source.n_frames, None, pixels, source.files)
+        for name in ("left", "right")
+    )
     notes = [f"the views lie {packing}"] if packing != (False, False) else []
-    if order and order.swapped:
-        near = f"{order.nearer:.0%} of the matched corners are then nearer than infinity"
-        notes.append(f"the right camera's view comes first: left and right are exchanged ({near})")
-    if order and order.rectified:
-        notes.append("the images are rectified already" + (f"; {assumed}" if assumed else ""))
 
     def pairs(indices: Sequence[int] | None) -> Generator[DecodedPair, None, None]:
         with closing(together(source)(indices)) as frames:
             for (frame,) in frames:
-                views = (None, None) if frame.image is None else packing.split(frame.image)
-                left, right = reversed(views) if order and order.swapped else views
+                left, right = (None, None) if frame.image is None else packing.split(frame.image)
                 yield replace(frame, image=left), replace(frame, image=right)
-
-    def own_rig() -> StereoRig:
-        found = load_rig(calibration, size)
-        return rectified_rig(rectified_of, found)[0] if order and order.rectified else found
 
     clock = clock_of(folder, options, source.n_frames, source.fps, source.raw)
     each = FramePairs(pairs, source.n_frames, live=live)
-    return stereo_layout(path, each, streams, clock, rig or own_rig, notes, folder)
+    return stereo_layout(path, each, streams, clock, rig or partial(load_rig, calibration, size), notes, folder)
 
 
 def sampled(source: FrameSource) -> list[U8]:
@@ -195,7 +212,7 @@ def _no_pair(named: Path, size: Size, pictures: Sequence[U8], shared: Common) ->
         left, right = (is_grey(np.ascontiguousarray(half)) for half in np.array_split(pictures[0], 2, axis=1)[:2])
         if left != right:
             return InputError(
-                f"{expected} a grey and a coloured half with {len(shared.matches)} of {shared.corners} corners alike: "
+                f"{expected} a grey and a coloured half with {shared.matched} of {shared.corners} corners alike: "
                 "a picture of depth next to its colour image holds no depth in metres"
             )
     if is_depth(named):

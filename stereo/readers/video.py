@@ -302,9 +302,7 @@ def video_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenO
             raise InputError(f"{video}: {DEPTH_IN_VIDEO}")
     a, b = VideoFile(left), VideoFile(right)
     size = base.same_size(a, b, left, right)
-    calibration = options.calibration or folder
-    rig = partial(load_rig, calibration, size)
-    other = base.other_state(calibration, size)
+    rig = partial(load_rig, options.calibration or folder, size)
     notes: list[str] = []
     if not (folder / "timestamps.csv").is_file():
         shown = [_packets(left), _packets(right)]
@@ -324,7 +322,7 @@ def video_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenO
             placed = base.together(_PlacedVideo(a, pairs.left), _PlacedVideo(b, pairs.right))
             each = base.FramePairs(placed, len(pairs.left), pairs.unpaired)
             clock = base.clock_of_pairs(pairs, options)
-            return base.stereo_layout(path, each, timed, clock, rig, notes, folder, other)
+            return base.stereo_layout(path, each, timed, clock, rig, notes, folder)
         notes += shown[0].notes
     if a.n_frames != b.n_frames:
         counts = f"{a.n_frames} frames in the left video and {b.n_frames} in the right one"
@@ -332,7 +330,7 @@ def video_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenO
     streams = (Stream("left", size, a.n_frames, files=a.files), Stream("right", size, b.n_frames, files=b.files))
     clock = base.clock_of(folder, options, min(a.n_frames, b.n_frames), a.fps, a.raw)
     each = base.FramePairs(base.together(a, b), max(a.n_frames, b.n_frames))
-    return base.stereo_layout(path, each, streams, clock, rig, notes, folder, other)
+    return base.stereo_layout(path, each, streams, clock, rig, notes, folder)
 
 
 def _video_times(

@@ -20,8 +20,8 @@ from stereo.depth import Depths, metres
 from stereo.doctor.explain import _by_floor, _clearly, _Try, explain, explain_colours, explain_fields
 from stereo.doctor.hypotheses import HYPOTHESES, PAIRS, TURNED, VIEWS, WHICH
 from stereo.doctor.tries import FloorView
-from stereo.readers.state import rectified_rig
 from stereo.recording import Decoded, DepthCamera, Frame, FrameClock, Pair, Recording, Shot
+from stereo.rectify import rectified_rig
 
 interlaced = DONE["interlaced, one field above the other"]
 Undo = Callable[[AnyArray], AnyArray]
@@ -119,7 +119,7 @@ def claimed(turned: bool = False, baseline: float = 1.0, scale: float = 1.0) -> 
         (replace(rig(), left=rig().right, right=rig().left), "the lenses of left and right are exchanged"),
         (claimed(baseline=100.0), "the baseline is in centimetres"),
         (claimed(scale=2.0), "the calibration is that of images twice the size"),
-        (rectified_rig(rig, rig())[0], "the images are not rectified yet"),
+        (rectified_rig(rig()), "the images are not rectified yet"),
     ],
     ids=["pose", "lenses", "baseline", "size", "raw"],
 )

@@ -14,7 +14,16 @@ from calib.pose import SE3
 from calib.rig import StereoRig
 from stereo.readers.open import SeveralHeads
 from stereo.recording import Frame, Shot, Skipped
-from stereo.rectify import Rectifier, RectifyParams, aligned_rectifier, fold_radius, ideal_pinhole, source_pixels
+from stereo.rectify import (
+    Rectifier,
+    RectifyParams,
+    aligned_rectifier,
+    fold_radius,
+    ideal_pinhole,
+    is_ideal,
+    rectified_rig,
+    source_pixels,
+)
 from stereo.rig_correction import match_corners
 
 TURN = (0.5, -0.6, 0.8)
@@ -176,3 +185,10 @@ def test_skipped_frames_name_their_head() -> None:
     recording = SeveralHeads(Path("r"), cast(Any, [times]), [0.0])
     assert [(s.index, s.why) for s in recording.skipped] == [(4, "north: left: file is missing")]
     assert recording.fps == pytest.approx(10.0)
+
+
+def test_calibration_of_rectified_images_has_the_baseline_and_neither_lens_nor_turn() -> None:
+    turned = toy_rig((320, 240), rotation_deg=(3.0, 0.0, 0.0))
+    ideal = rectified_rig(turned)
+    assert is_ideal(ideal) and not is_ideal(turned)
+    assert ideal.baseline_m == pytest.approx(turned.baseline_m) and rectified_rig(ideal) is ideal

@@ -41,6 +41,14 @@ def test_convert_corrects_units_and_swapped_cameras_on_request(tmp_path, cli):
     assert rig.baseline_m == pytest.approx(0.1) and rig.left.size == (320, 240)
 
 
+def test_convert_writes_the_calibration_of_rectified_images_on_request(tmp_path, cli):
+    write_rig(RIG, tmp_path / "raw.toml")
+    assert cli(*CONVERT, tmp_path / "raw.toml", tmp_path / "rig.toml", "--rectified")[0] == 0
+    rig = load_rig(tmp_path / "rig.toml")
+    assert rig.baseline_m == pytest.approx(RIG.baseline_m)
+    assert np.array_equal(rig.right_SE3_left.rotation, np.eye(3)) and not any(rig.left.distortion)
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
