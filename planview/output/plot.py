@@ -32,6 +32,7 @@ from planview.trajectories.table import Trajectories
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from pandas import DataFrame
 
 Panel = Literal["paths", "density", "flow", "speed", "count"]
 PANELS: tuple[Panel, ...] = ("paths", "speed", "count")
@@ -44,6 +45,13 @@ BLUE = "#1f4e9c"
 """Of the numbers of one run."""
 WIDE = 1.9
 """Width over depth of the floor from which it is drawn above the curves and not next to them."""
+
+
+LEGEND: dict[str, Any] = {
+    "fontsize": 8, "title_fontsize": 8, "frameon": False, "alignment": "left",
+    "handlelength": 1.4, "columnspacing": 1.2,
+}  # fmt: skip
+"""Looks of all legends."""
 
 
 class NamedTracks(NamedTuple):
@@ -68,17 +76,19 @@ def floor_picture(run: RunFolder) -> FloorPicture | None:
     """The floor where people were, as the first frame of a run shows it; None without its recording or a camera."""
     from planview.output.render import frames_or_none  # the engine's parts take half a second
 
-    if not run.has_run or run.camera is None or (frames := frames_or_none(run, lambda _: None)) is None:
+    if not run.has_run or run.camera is None:
+        return None
+    frames = frames_or_none(run, lambda _: None)
+    image = None if frames is None else frames.image(run.info.first_frame)
+    if image is None:
         return None
     bounds = run.bounds()
-    x, y = np.arange(bounds.x_min_m, bounds.x_max_m, PIXEL_M), np.arange(bounds.y_min_m, bounds.y_max_m, PIXEL_M)
-    for _, image in frames.at([run.info.first_frame]):
-        rgb = np.ascontiguousarray(as_colour(image)[..., ::-1])
-        shown = from_above(rgb, run.camera, *np.meshgrid(x, y))
-        pale = np.where(shown.any(axis=2, keepdims=True), 128 + shown // 2, 255)
-        extent_m = bounds.x_min_m, bounds.x_max_m, bounds.y_min_m, bounds.y_max_m
-        return FloorPicture(np.asarray(pale, np.uint8), extent_m)
-    return None
+    x = np.arange(bounds.x_min_m, bounds.x_max_m, PIXEL_M)
+    y = np.arange(bounds.y_min_m, bounds.y_max_m, PIXEL_M)
+    rgb = np.ascontiguousarray(as_colour(image)[..., ::-1])
+    seen = from_above(rgb, run.camera, *np.meshgrid(x, y))
+    pale = np.where(seen.any(axis=2, keepdims=True), 128 + seen // 2, 255)
+    return FloorPicture(np.asarray(pale, np.uint8), (bounds.x_min_m, bounds.x_max_m, bounds.y_min_m, bounds.y_max_m))
 
 
 def figure_of(
@@ -88,80 +98,130 @@ def figure_of(
     """A matplotlib figure of one run coloured by ``colour``, or of several in a colour each, over a picture of the
     floor. Raises InputError: more runs than colours, runs in metres and in pixels, tracks without any place, or density
     or flow of several runs."""
+    _refuse_mixed(runs, panels)
+    figure, places = _empty_figure(panels, _shape(runs))
+    tables = [run.tracks.to_dataframe() for run in runs]
+    for n, (run, table) in enumerate(zip(runs, tables, strict=True)):
+        style = _style_of_one(colour) if len(runs) == 1 else _style_of_several(n, run.name)
+        _draw_run(places, table, run.name, style)
+    if truth is not None:
+        _draw_truth(places, truth.to_dataframe(), tables[0])
+    if floor is not None:
+        for panel in places.keys() & FROM_ABOVE.keys():
+            places[panel].imshow(floor.image, extent=floor.extent_m, origin="lower", zorder=0)
+    _write_legends(figure, places, runs, colour)
+    return figure
+
+
+def _refuse_mixed(runs: Sequence[NamedTracks], panels: Sequence[Panel]) -> None:
+    """Raise InputError for runs that cannot be drawn in one plot."""
     if len(runs) > len(RUN_COLOURS):
         raise InputError(f"at most {len(RUN_COLOURS)} runs can be told apart in one plot, found {len(runs)}")
-    if len({bool(np.isfinite(run.tracks.x_m).any()) for run in runs if len(run.tracks)}) > 1:
+    in_metres = {bool(np.isfinite(run.tracks.x_m).any()) for run in runs if len(run.tracks)}
+    if len(in_metres) > 1:
         raise InputError("some of the runs are in metres and some in pixels; plot them one by one")
-    if len(runs) > 1 and (alone := {"density", "flow"}.intersection(panels)):
+    alone = {"density", "flow"}.intersection(panels)
+    if len(runs) > 1 and alone:
         raise InputError(f"{' and '.join(sorted(alone))} of several runs cannot be told apart in one plot")
-    figure, places = _arranged(panels, _shape(runs))
-    for n, (name, tracks) in enumerate((name, tracks.to_dataframe()) for name, tracks in runs):
-        own = RUN_COLOURS[n] if len(runs) > 1 else None
-        if axes := places.get("paths"):
-            # Of runs that lie over each other the first is the widest.
-            width = max(1.0, 3.2 - 1.6 * n) if own else 1.6
-            plot_paths(tracks, axes, colour=own or colour, label=name, width=width)
-        if axes := places.get("density"):
-            plot_density(tracks, axes)
-        if axes := places.get("flow"):
-            plot_flow(tracks, axes)
-        if axes := places.get("speed"):
-            plot_speed(tracks, axes, colour=own or ("id" if colour == "id" else BLUE), label=name if own else "")
-        if axes := places.get("count"):
-            plot_counts(tracks, axes, colour=own or BLUE, label=name if own else "tracked")
-    if truth is not None:
-        if axes := places.get("paths"):
-            plot_truth(truth.to_dataframe(), axes)
-        if axes := places.get("count"):
-            clock = runs[0].tracks.to_dataframe()
-            plot_counts(truth.to_dataframe(), axes, colour=TRUTH_COLOUR, label="truth", style="--", clock=clock)
-    for panel in FROM_ABOVE:
-        if floor is not None and (axes := places.get(panel)):
-            axes.imshow(floor.image, extent=floor.extent_m, origin="lower", zorder=0)
-    _legends(figure, places, runs, colour)
-    return figure
+
+
+class _Style(NamedTuple):
+    """Colours, width and labels of a run."""
+
+    path_colour: Colouring | str
+    speed_colour: str
+    count_colour: str
+    path_width: float
+    speed_label: str
+    count_label: str
+
+
+def _style_of_one(colour: Colouring) -> _Style:
+    speed = "id" if colour == "id" else BLUE
+    return _Style(colour, speed, BLUE, 1.6, "", "tracked")
+
+
+def _style_of_several(n: int, name: str) -> _Style:
+    """Style of the n-th run; of those that lie over each other the first is the widest."""
+    colour = RUN_COLOURS[n]
+    return _Style(colour, colour, colour, max(1.0, 3.2 - 1.6 * n), name, name)
+
+
+def _draw_run(places: dict[Panel, Axes], table: DataFrame, name: str, style: _Style) -> None:
+    if "paths" in places:
+        plot_paths(table, places["paths"], colour=style.path_colour, label=name, width=style.path_width)
+    if "density" in places:
+        plot_density(table, places["density"])
+    if "flow" in places:
+        plot_flow(table, places["flow"])
+    if "speed" in places:
+        plot_speed(table, places["speed"], colour=style.speed_colour, label=style.speed_label)
+    if "count" in places:
+        plot_counts(table, places["count"], colour=style.count_colour, label=style.count_label)
+
+
+def _draw_truth(places: dict[Panel, Axes], truth: DataFrame, clock: DataFrame) -> None:
+    """Draw the true people, at the times of tracks."""
+    if "paths" in places:
+        plot_truth(truth, places["paths"])
+    if "count" in places:
+        plot_counts(truth, places["count"], colour=TRUTH_COLOUR, label="truth", style="--", clock=clock)
 
 
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a figure as its name ends, .png or .svg (or .pdf). Raises InputError: another ending."""
     if path.suffix.lower() not in (".png", ".svg", ".pdf"):
         raise InputError(f"{path}: a plot is written as .png, .svg or .pdf")
+    metadata = None if path.suffix.lower() == ".png" else {"Date": None}
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=150, metadata={"Date": None} if path.suffix.lower() != ".png" else None)
+        figure.savefig(path, dpi=150, metadata=metadata)
 
 
 def _shape(runs: Sequence[NamedTracks]) -> float:
     """Width over depth of the floor that people used; 4:3 where it is not known."""
-    x, y = (np.concatenate([getattr(run.tracks, name) for run in runs]) for name in ("x_m", "y_m"))
-    known = np.isfinite(x + y)
-    return float(np.ptp(x[known]) / max(float(np.ptp(y[known])), 0.1)) if known.any() else 4 / 3
+    x = np.concatenate([run.tracks.x_m for run in runs])
+    y = np.concatenate([run.tracks.y_m for run in runs])
+    is_known = np.isfinite(x + y)
+    if not is_known.any():
+        return 4 / 3
+    return float(np.ptp(x[is_known]) / max(float(np.ptp(y[is_known])), 0.1))
 
 
-def _arranged(panels: Sequence[Panel], shape: float) -> tuple[Figure, dict[Panel, Axes]]:
-    """The floor large, and curves to the right of it; below it where it is wide, or drawn more than once."""
+def _empty_figure(panels: Sequence[Panel], shape: float) -> tuple[Figure, dict[Panel, Axes]]:
+    """A figure with the floor large, and curves to the right of it; below it where it is wide, or drawn more than
+    once."""
     from matplotlib.figure import Figure
 
-    plans: list[Any] = [panel for panel in FROM_ABOVE if panel in panels]
-    curves: list[Any] = [panel for panel in OVER_TIME if panel in panels]
-    layout: list[Any]
+    plans = [panel for panel in FROM_ABOVE if panel in panels]
+    curves = [panel for panel in OVER_TIME if panel in panels]
     ratios: dict[str, Any] = {}
     if not plans:
-        layout, size = [[curve] for curve in curves], (9.0, 3.0 * len(curves))
+        layout = [[curve] for curve in curves]
+        size = (9.0, 3.0 * len(curves))
     elif not curves:
-        layout, size = [plans], (len(plans) * (min(max(6.0 * shape, 4.5), 12.0 / len(plans)) + 1), 6.5)
+        layout = [plans]
+        plan_width = min(max(6.0 * shape, 4.5), 12.0 / len(plans))
+        size = (len(plans) * (plan_width + 1), 6.5)
     elif shape > WIDE or len(plans) > 1:
+        # Each plan is as many columns wide as there are curves, and the other way round.
+        layout = [
+            [plan for plan in plans for _ in curves],
+            [curve for curve in curves for _ in plans],
+        ]
         depth = min(max(10.5 / (shape * len(plans)), 2.0), 5.0) + 1.0
-        above, below = ([each for each in row for _ in other] for row, other in ((plans, curves), (curves, plans)))
-        layout, size, ratios = [above, below], (11.0, depth + 3.2), {"height_ratios": (depth, 3.0)}
+        size = (11.0, depth + 3.2)
+        ratios = {"height_ratios": (depth, 3.0)}
     else:
+        layout = [[*plans, curve] for curve in curves]
         width = max(5.0 * shape, 3.5) + 1.0
-        layout, size = [[*plans, curve] for curve in curves], (width + 5.5, 6.5)
+        size = (width + 5.5, 6.5)
         ratios = {"width_ratios": (width, 5.5)}
     figure = Figure(figsize=size, layout="constrained")
     # Notebooks show by themselves the figures of pyplot only.
     figure._repr_png_ = partial(_png, figure)  # type: ignore[attr-defined]
-    places = figure.subplot_mosaic(layout, sharex=not plans, **ratios)
+    mosaic: Any = layout
+    places = figure.subplot_mosaic(mosaic, sharex=not plans, **ratios)
     for curve in curves[1:]:
         places[curve].sharex(places[curves[0]])
     return figure, places
@@ -173,21 +233,22 @@ def _png(figure: Figure) -> bytes:
     return file.getvalue()
 
 
-def _legends(figure: Figure, places: dict[Panel, Axes], runs: Sequence[NamedTracks], colour: Colouring) -> None:
-    on_floor = any(np.isfinite(run.tracks.x_m).any() for run in runs)
-    titles = FROM_ABOVE | OVER_TIME | ({} if on_floor else {"paths": "In the image"})
+def _write_legends(figure: Figure, places: dict[Panel, Axes], runs: Sequence[NamedTracks], colour: Colouring) -> None:
+    """Write the titles of figure and panels, and a legend where there is more than one name."""
+    titles = FROM_ABOVE | OVER_TIME
+    if not any(np.isfinite(run.tracks.x_m).any() for run in runs):
+        titles["paths"] = "In the image"
     for panel, axes in places.items():
         axes.set_title(titles[panel], loc="left", fontsize=10, color=INK)
-        is_plan = panel == "paths"
-        by_id = is_plan and colour == "id" and len(runs) == 1
-        names = axes.get_legend_handles_labels()[1]
-        if not names or (len(names) < 2 and not by_id):
-            continue
-        at = (0.0, -0.09) if is_plan else (1.0, 1.0)
-        axes.legend(
-            loc="upper left" if is_plan else "lower right", bbox_to_anchor=at, ncols=7 if by_id else 4,
-            title="person (ring: start, dot: end, dotted: hidden)" if by_id else None,
-            fontsize=8, title_fontsize=8, frameon=False, alignment="left", handlelength=1.4, columnspacing=1.2,
-        )  # fmt: skip
+        _, names = axes.get_legend_handles_labels()
+        if panel == "paths" and colour == "id" and len(runs) == 1:
+            if names:
+                title = "person (ring: start, dot: end, dotted: hidden)"
+                axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.09), ncols=7, title=title, **LEGEND)
+        elif len(names) > 1:
+            if panel == "paths":
+                axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.09), ncols=4, **LEGEND)
+            else:
+                axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, **LEGEND)
     if len(runs) == 1:
         figure.suptitle(runs[0].name, x=0.01, ha="left", fontsize=12, color=INK)
