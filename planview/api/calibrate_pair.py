@@ -21,8 +21,9 @@ from calib.io import parse_length, parse_size
 from calib.rig import StereoRig
 from calib.world import save_rigs
 from planview.api.arguments import Settings, in_range, one_of, path_of, settings
-from planview.calibration.align import RigAlignment, align_records, record_rig, relative_to, rig_entries
+from planview.calibration.align import align_records, record_rig, relative_to, rig_entries
 from planview.calibration.board import BoardRequest, calibrate_images, write_report
+from planview.evaluation.paths import RigAlignment
 from planview.output.progress import PlainConsole
 from stereo.rectify import rectified_rig
 

@@ -17,15 +17,17 @@ from calib.errors import InputError
 from calib.io import parse_length
 from calib.rig import save_rig
 from calib.times import Rate, rate_of_times
+from calib.world import load_rigs
 from planview.api.arguments import Settings, in_range, opening, path_of, settings
 from planview.checks.check import Check
 from planview.checks.examine import Diagnosis, examine, write_pictures
 from planview.engine.setup import floor_search
 from planview.output.progress import as_text
 from stereo.floor import PairFrames
-from stereo.readers import find_layout
+from stereo.readers import OpenOptions, find_layout
 from stereo.readers.base import Layout, Reader
 from stereo.readers.images import Stream
+from stereo.readers.open import is_multi_rig, rigs_file
 from stereo.recording import Pair
 
 
@@ -77,7 +79,8 @@ class RecordingContents:
         return as_text(self)
 
     def __rich__(self) -> RenderableType:
-        return _listing(self.found, self.layout)
+        heads = self.found.get("heads", [self.found])
+        return Group(*(_listing(head, self.layout) for head in heads))
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
@@ -106,7 +109,8 @@ def check(
     Example of its contents only, without looking at its images: planview check recording.bag --quick
 
     Args:
-        recording: Folder, video, bag or address of a recording; or the left one of two videos or folders of images.
+        recording: Folder, video, bag or address of a recording; the left one of two videos or folders of images; or
+            the folder of several heads with rigs.toml, which must agree on where people are.
         right: The right one.
         quick: Only list what it contains: layout, cameras, rates, gaps, calibration, and what is missing.
         calibration: Calibration file or folder, instead of the recording's own; or camera.toml or Tsai XML of one
@@ -130,6 +134,12 @@ def check(
         WorkError: not one frame can be decoded.
     """
     path, options = Path(recording), opening(calibration, fps, topics, right)
+    several = is_multi_rig(path)
+    foreign = calibration or topics or right or corrected_rig
+    if several and foreign is not None:
+        raise InputError(f"{foreign}: expected none of it for {path}, whose heads have their own")
+    if quick and several:
+        return _contents_of_heads(path, options)
     if quick:
         try:
             reader, layout = find_layout(path, options)
@@ -144,8 +154,9 @@ def check(
     search = floor_search(settings(config, set))
     diagnosis = examine(path, options, frames=frames, person_height_m=known, search=search)
     files = []
-    if out is not None and diagnosis.seen:
-        files = write_pictures(diagnosis.seen, diagnosis.floor, Path(out))
+    for name, each in {"": diagnosis, **diagnosis.heads}.items():
+        if out is not None and each.seen:
+            files += write_pictures(each.seen, each.floor, Path(out) / name)
     return RecordingChecks(diagnosis.checks, tuple(files), _corrected(diagnosis, path_of(corrected_rig)))
 
 
@@ -235,6 +246,16 @@ def _contents(path: Path, reader: Reader, layout: Layout) -> RecordingContents:
         "notes": list(getattr(opened, "notes", layout.notes)),
     }
     return RecordingContents(reader.name, found, tuple(missing))
+
+
+def _contents_of_heads(path: Path, options: OpenOptions) -> RecordingContents:
+    """What the recording of each head holds."""
+    file = rigs_file(path)
+    folders = [file.parent / entry.folder for entry in load_rigs(file)]
+    heads = [_contents(folder, *find_layout(folder, options)) for folder in folders]
+    missing = tuple(error for head in heads for error in head.missing)
+    found = {"path": str(path), "reader": "heads", "heads": [head.found for head in heads]}
+    return RecordingContents("several heads", found | {"missing": list(map(str, missing))}, missing)
 
 
 def _camera(stream: Stream, nominal_fps: float | None) -> dict[str, Any]:

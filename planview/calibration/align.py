@@ -24,21 +24,26 @@ from calib.world import RigEntry
 from planview.engine.config import Config
 from planview.engine.open import engine_of
 from planview.evaluation.align import floor_rotation
+from planview.evaluation.paths import (
+    MEET_M,
+    TICK_S,
+    Paths,
+    RigAlignment,
+    WalkedPath,
+    apart_m,
+    met_s,
+    same_height,
+    sample_path,
+)
 from planview.maps.grid import FloorRig
 from planview.trajectories.table import Trajectories, TrajectoryCollector
 from stereo.depth import back_project, median_image
 from stereo.readers import OpenOptions, open_any
 
-TICK_S = 0.1
-"""Time between the samples of a path [s]: a walker moves a hand's breadth in it."""
 PIECE_S = 6.0
 """Length of the pieces of paths that are laid over each other [s]: a walk across a room."""
 PIECE_RMS_M = 0.20
 """Pieces that fit worse are of different people [m]: twice the position error of a track."""
-MEET_M = 0.40
-"""Two positions nearer than this are of one person [m]: a torso's width."""
-HEIGHT_M = 0.15
-"""People whose heights differ by more are different [m]."""
 SAME_PLACE_M = 0.25
 """The same once the motion is known [m]: farther ones are of people half hidden from one of the rigs."""
 NOISE_M = 0.03
@@ -58,27 +63,6 @@ STD_MAX_M, STD_MAX_DEG, STD_MAX_S = 0.10, 2.0, 0.10
 """Largest deviations of position, heading and clock that are accepted."""
 
 
-@dataclass(frozen=True, eq=False)
-class WalkedPath:
-    """One person without a gap: from tick ``first`` on (N, 2) floor positions, one per tick [m], median height [m], NaN
-    when unknown, and (N, 2) how far the positions move when all disparities grow by a pixel [m]."""
-
-    first: int
-    xy_m: F64
-    height_m: float
-    per_px_m: F64
-
-    @property
-    def end(self) -> int:
-        """The tick after the last sample."""
-        return self.first + len(self.xy_m)
-
-    def at(self, ticks: F64, disparity_px: float = 0.0) -> F64:
-        """(N, 2) positions at fractional ticks, with all disparities larger by ``disparity_px``; NaN outside."""
-        known, values = np.arange(self.first, self.end), self.xy_m + disparity_px * self.per_px_m
-        return np.column_stack([np.interp(ticks, known, column, left=np.nan, right=np.nan) for column in values.T])
-
-
 def paths_of(tracks: Trajectories, world_SE3_left: SE3, disparity_metre: float) -> list[WalkedPath]:
     """Confirmed people as paths, for the pose of the rectified left camera and f b [px m]; predicted rows are gaps."""
     known = (tracks.state == "confirmed") & np.isfinite(tracks.x_m + tracks.y_m + tracks.timestamp_s)
@@ -89,13 +73,10 @@ def paths_of(tracks: Trajectories, world_SE3_left: SE3, disparity_metre: float) 
         # Over longer gaps a path is not interpolated [s].
         cuts = np.flatnonzero(np.diff(own.timestamp_s) > 0.5) + 1
         for part in np.split(np.arange(len(own)), cuts):
-            times_s, columns = own.timestamp_s[part], (own.x_m[part], own.y_m[part])
-            first, last = math.ceil(times_s[0] / TICK_S), math.floor(times_s[-1] / TICK_S)
+            first, xy = sample_path(own.timestamp_s[part], np.column_stack([own.x_m[part], own.y_m[part]]))
             # Shorter pieces are left out [s].
-            if (last - first) * TICK_S < 2.0:
+            if (len(xy) - 1) * TICK_S < 2.0:
                 continue
-            ticks = np.arange(first, last + 1) * TICK_S
-            xy = np.column_stack([np.interp(ticks, times_s, column) for column in columns])
             heights = own.height_m[part][np.isfinite(own.height_m[part])]
             height_m = float(np.median(heights)) if len(heights) else math.nan
             # What an offset of the disparities does: dZ/dd = -Z^2 / (f b), along the ray to a head at 1.6 m.
@@ -143,49 +124,6 @@ def _scene(view: FloorRig, disparities: list[F32]) -> F32:
     return np.asarray(view.floor.world_SE3_left @ points, dtype=np.float32)
 
 
-@dataclass(frozen=True, eq=False)
-class RigAlignment:
-    """``first_SE2_second`` and the clock, with the deviation of each value.
-
-    Attributes:
-        heading_rad, x_m, y_m: p_first = R(heading_rad) p_second + (x_m, y_m).
-        clock_s: time on the first rig's clock at which the second one's begins.
-        residual_m: root mean square distance of people who meet, per axis.
-        shared_s: how long people are seen by both rigs, added up.
-        std: of (heading_rad, x_m, y_m, clock_s); of x and y where people meet, see ``pivot_m``.
-        pivot_m: middle of the second rig's positions that meet, in its world; x and y are most certain there.
-    """
-
-    heading_rad: float
-    x_m: float
-    y_m: float
-    clock_s: float
-    residual_m: float = math.nan
-    shared_s: float = 0.0
-    std: tuple[float, float, float, float] = (math.nan,) * 4
-    pivot_m: tuple[float, float] = (0.0, 0.0)
-
-    def apply(self, xy_m: F64) -> F64:
-        """(..., 2) positions of the second rig's world in the first's."""
-        return np.asarray(xy_m @ floor_rotation(self.heading_rad).T + np.array([self.x_m, self.y_m]))
-
-    @property
-    def heading_std_rad(self) -> float:
-        return self.std[0]
-
-    @property
-    def position_std_m(self) -> float:
-        """Of the place in the floor where people meet, the larger of both axes."""
-        return max(self.std[1:3])
-
-    @property
-    def clock_std_s(self) -> float:
-        return self.std[3]
-
-
-Paths = Sequence[WalkedPath]
-
-
 def align_rigs(first: Paths, second: Paths, clock_s: float = 10.0, disparity_px: float = DISPARITY_PX) -> RigAlignment:
     """Lay the second rig's people over the first's; ``clock_s``: how much later or earlier one recording may begin.
     Raises WorkError: people do not determine it: too few, too short, standing, or walking so that several motions fit.
@@ -198,11 +136,11 @@ def align_rigs(first: Paths, second: Paths, clock_s: float = 10.0, disparity_px:
             f"expected people who walk for {PIECE_S:g} s where both heads see them, found no path that fits "
             f"another within {clock_s:g} s of clock: the heads see different places, or people stood"
         )
-    scores = np.array([_score(hypothesis, first, second) for hypothesis in found])
+    scores = np.array([met_s(hypothesis, first, second) for hypothesis in found])
     best = found[int(np.argmax(scores))]
     for meet_m in [MEET_M] * 4 + [SAME_PLACE_M] * 4:
         best = _refined(best, first, second, meet_m, disparity_px)
-    top = _score(best, first, second)
+    top = met_s(best, first, second)
     rival = max((score for other, score in zip(found, scores, strict=True) if _apart(best, other)), default=0.0)
     if rival > RIVAL_SHARE * max(top, float(scores.max())):
         raise WorkError(
@@ -235,33 +173,6 @@ def _apart(one: RigAlignment, other: RigAlignment) -> bool:
     return abs(math.degrees(turn)) > 15.0 or shift > 0.75 or abs(one.clock_s - other.clock_s) > 1.0
 
 
-def _same_height(path: WalkedPath, other: WalkedPath) -> bool:
-    """Whether two paths may be of one person; also where a height is not known."""
-    return not abs(path.height_m - other.height_m) > HEIGHT_M
-
-
-def _score(motion: RigAlignment, first: Paths, second: Paths) -> float:
-    """Seconds of the first rig's paths that meet the second's under a motion; nearer ones count more."""
-    total = 0.0
-    for path in first:
-        best = np.zeros(len(path.xy_m))
-        for other in second:
-            if _same_height(path, other):
-                best = np.fmax(best, 1.0 - (_apart_m(motion, path, other) / MEET_M) ** 2)
-        total += float(best.sum()) * TICK_S
-    return total
-
-
-def _apart_m(motion: RigAlignment, path: WalkedPath, other: WalkedPath) -> F64:
-    """(N,) distance of the samples of a path of the first rig from one of the second under a motion [m]; NaN where the
-    other path has no sample."""
-    shift = motion.clock_s / TICK_S
-    if other.first + shift >= path.end or other.end + shift <= path.first:
-        return np.full(len(path.xy_m), np.nan)
-    ticks = np.arange(path.first, path.end, dtype=np.float64)
-    return np.asarray(np.hypot(*(motion.apply(other.at(ticks - shift)) - path.xy_m).T))
-
-
 def _hypotheses(first: Paths, second: Paths, clock_s: float) -> list[RigAlignment]:
     """Motions that lay a piece of one path over another at some clock, the best of each pair of paths first."""
     length = max(4, round(PIECE_S / TICK_S))
@@ -274,7 +185,7 @@ def _hypotheses(first: Paths, second: Paths, clock_s: float) -> list[RigAlignmen
             if np.sqrt(np.linalg.eigvalsh(np.cov(piece.T))[-1]) < 0.5:
                 continue
             for other in second:
-                if _same_height(path, other):
+                if same_height(path, other):
                     found += _fits(piece, path.first + start, other, widest)
     found.sort(key=lambda pair: pair[0])
     # Motions that are judged by all people.
@@ -363,9 +274,9 @@ def _meetings(motion: RigAlignment, first: Paths, second: Paths, meet_m: float) 
     """Where people of both rigs meet under a motion."""
     pairs = []
     for path, other in product(first, second):
-        near = np.nan_to_num(_apart_m(motion, path, other), nan=np.inf) <= meet_m
+        near = np.nan_to_num(apart_m(motion, path, other), nan=np.inf) <= meet_m
         # Two paths that meet for a shorter time are of people who pass each other [s].
-        if near.sum() * TICK_S >= 1.0 and _same_height(path, other):
+        if near.sum() * TICK_S >= 1.0 and same_height(path, other):
             pairs.append(_Meeting(path, other, path.first + np.flatnonzero(near).astype(np.float64)))
     return pairs
 

@@ -6,7 +6,7 @@ import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,9 @@ from calib.images import as_colour, as_grey, write_image
 from calib.io import missing
 from calib.rig import Floor
 from calib.types import F64, U8
+from calib.world import RIGS_FILE
 from planview.checks.check import Check, limited
+from planview.checks.heads import watched_heads
 from planview.checks.scene import (
     VALID_SHARE_MIN,
     alignment_checks,
@@ -59,6 +61,7 @@ from stereo.depth import Depth, back_project, median_image
 from stereo.floor import DepthFrames, FloorSearch, PairFrames, setup_frames, spread_frames
 from stereo.matcher import SATURATED_LEVEL
 from stereo.readers import OpenOptions, find_layout, holds_pair, open_any, open_video
+from stereo.readers.open import SeveralHeads, is_multi_rig, open_rigs
 from stereo.recording import OneCamera, Recording, refuse_untimed
 
 LINE_STEP_PX = 25
@@ -127,11 +130,12 @@ def _saturated(image: U8) -> U8:
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """What was found: every check; of a pair or images with depth also the frames that were looked at and their floor,
-    where there is one."""
+    where there is one; of several heads the same of each by its name."""
 
     checks: tuple[Check, ...]
     seen: PairFrames | DepthFrames | None = None
     floor: Floor | None = None
+    heads: Mapping[str, Diagnosis] = field(default_factory=dict)
 
 
 def examine(
@@ -143,6 +147,7 @@ def examine(
     search: FloorSearch | None = None,
 ) -> Diagnosis:
     """Examine a recording; of images with depth the checks of a pair are skipped, of one camera those of depth, too.
+    Several heads are examined one by one, and whether they agree.
 
     A recording that is refused (its calibration or its layout) fails the check "calibration and layout" with the
     reason, and there are no other checks.
@@ -160,6 +165,8 @@ def examine(
     if not path.exists():
         raise missing(path)
     options, search = options or OpenOptions(), search or FloorSearch()
+    if is_multi_rig(path):
+        return _examine_heads(open_rigs(path, options.fps), frames, person_height_m, search)
     try:
         recording = _video_of_one(path, options) or open_any(path, options)
     except InputError as error:
@@ -168,6 +175,26 @@ def examine(
         if person_height_m is not None:
             raise InputError(f"{path}: expected a pair or images with depth to measure people, found one camera")
         return Diagnosis(tuple(_checks_of_one(*recording, frames, search)))
+    return _examine_depth(recording, frames, person_height_m, search)
+
+
+def _examine_heads(
+    recording: SeveralHeads, frames: int, person_height_m: float | None, search: FloorSearch
+) -> Diagnosis:
+    """Every head on its own, and whether they agree on where people are."""
+    heads = {part.name: _examine_depth(part, frames, person_height_m, search) for part in recording.parts}
+    checks = []
+    for name, head in heads.items():
+        checks += [replace(check, name=f"{name}: {check.name}") for check in head.checks]
+    seen = [head.seen for head in heads.values() if head.seen is not None]
+    checks += watched_heads(recording, seen, frames).checks()
+    return Diagnosis(tuple(checks), heads=heads)
+
+
+def _examine_depth(
+    recording: Recording[Any], frames: int, person_height_m: float | None, search: FloorSearch
+) -> Diagnosis:
+    """A pair, or images with depth. Raises InputError: nothing gives the times of its frames."""
     refuse_untimed(recording)
     seen, floor, refused = spread_frames(recording, search), None, ""
     try:
@@ -175,6 +202,7 @@ def examine(
     except WorkError as error:
         refused = str(error)
     given = recording.head.world_SE3_left
+    file = RIGS_FILE if recording.name else "world.toml"
     run, times = _run_of(recording, seen.frames, frames, search)
     if isinstance(seen, PairFrames):
         seen_in_images, geometry = image_checks(seen.frames), alignment_checks(seen)
@@ -188,7 +216,7 @@ def examine(
         *seen_in_images,
         flicker_check([grey_level(frame.image) for frame in run]),
         *geometry,
-        *([given_floor_check(seen, given, floor, "world.toml")] if given is not None and floor is not None else []),
+        *([given_floor_check(seen, given, floor, file)] if given is not None and floor is not None else []),
         *scene_checks(seen, floor, refused),
         height_check(person_heights(seen, floor), person_height_m),
     ]

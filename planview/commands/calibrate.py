@@ -10,9 +10,9 @@ from rich.table import Table
 
 from calib.board.solve import BoardCalibration
 from planview.api import calibrate_pair as api
-from planview.calibration.align import RigAlignment
 from planview.commands.options import say
 from planview.commands.shell import JSON, Call, command
+from planview.evaluation.paths import RigAlignment
 from planview.output.progress import PlainConsole
 
 

@@ -15,6 +15,7 @@ from toy_run import EMPTY, FEW, FRAMES, run_few
 import planview
 from calib.errors import InputError
 from calib.ground_camera import save_ground_camera
+from calib.world import load_rigs, save_rigs
 from planview.engine.engine import Engine, FrameResult
 from planview.engine.open import engine_of, open_engine
 from planview.maps.recording import MapsRecording
@@ -146,6 +147,30 @@ def test_a_rig_without_a_frame_is_left_out_of_that_moment(heads, engine):
     assert right.depth is None and not right.views[0].shows and right.views[1].shows
     assert [t.track_id for t in right.tracks] == [t.track_id for t in both.tracks]
     assert not math.isnan(right.tracks[0].box_px[0])
+
+
+def test_check_looks_at_every_head_and_whether_they_agree(heads):
+    checks = {check.name: check for check in planview.check(heads, frames=8, set=[FEW]).checks}
+    assert {"left_one: floor share", "right_one: floor share"} <= checks.keys()
+    assert checks["left_one and right_one: people apart"].value < 0.05
+
+
+def test_check_lists_what_every_head_holds(heads):
+    contents = planview.check(heads, quick=True).to_json()
+    assert [Path(head["path"]).name for head in contents["heads"]] == ["left_one", "right_one"]
+
+
+def test_check_refuses_one_calibration_for_several_heads(refused, heads):
+    assert "whose heads have their own" in refused("check", heads, "--calibration", heads)
+
+
+def test_run_says_that_a_clock_of_one_head_is_wrong(cli, heads, tmp_path):
+    entries = load_rigs(heads / "rigs.toml")
+    save_rigs([entries[0], replace(entries[1], start_s=0.7)], heads / "late.toml")
+    late = shutil.copytree(heads, tmp_path / "late")
+    (late / "late.toml").rename(late / "rigs.toml")
+    status, printed = run_few(cli, late, tmp_path / "out")
+    assert status == 0 and "start_s of right_one 0.7 s smaller" in " ".join(printed.split())
 
 
 def test_maps_of_several_heads_are_not_saved_and_other_commands_ask_for_one_of_them(refused, heads, tmp_path):

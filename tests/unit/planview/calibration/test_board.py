@@ -11,9 +11,10 @@ from toy_recordings import write_frames
 
 from calib.errors import InputError, WorkError
 from calib.types import F64
-from planview.calibration.align import TICK_S, RigAlignment, WalkedPath, after, align_rigs
+from planview.calibration.align import after, align_rigs
 from planview.calibration.board import BoardImages
 from planview.evaluation.align import floor_rotation
+from planview.evaluation.paths import TICK_S, RigAlignment, WalkedPath
 
 
 def save(folder: Path, names: Sequence[str], size: tuple[int, int] = (40, 30)) -> Path:
