@@ -288,18 +288,38 @@ def timed_layout(
             raise InputError(f"{side.folder}: expected images, found none")
     pairs = pair_stamps(left.ns, right.ns)
     check_paired(pairs, path)
-    bits = bits_of(left.files, right.files)
-    a, b = (
-        images_of([side.files[i] if i >= 0 else None for i in order], Colour(bits))
-        for side, order in ((left, pairs.left), (right, pairs.right))
-    )
-    size = same_size(a, b, left.folder, right.folder)
-    streams = tuple(
-        source.stream(name, len(side.files), own_times(side.ns))
-        for name, side, source in (("left", left, a), ("right", right, b))
-    )
-    each, clock = FramePairs(together(a, b), len(pairs.left), pairs.unpaired), clock_of_pairs(pairs, options)
-    return stereo_layout(path, each, streams, clock, partial(rig, size), (*notes, *bits_note(bits)), folder)
+    firsts = [left.files[i] if i >= 0 else None for i in pairs.left]
+    seconds = [right.files[i] if i >= 0 else None for i in pairs.right]
+    times_s = own_times(left.ns), own_times(right.ns)
+    return images_layout(path, firsts, seconds, clock_of_pairs(pairs, options), rig, notes, folder, times_s)
+
+
+def images_layout(
+    path: Path,
+    left: Sequence[Path | None],
+    right: Sequence[Path | None],
+    clock: FrameClock,
+    rig: Callable[[Size], StereoRig],
+    notes: Sequence[str] = (),
+    folder: Path | None = None,
+    times_s: tuple[F64 | None, F64 | None] = (None, None),
+) -> Layout:
+    """Images of two cameras by frame, None where one lacks its own; ``times_s`` are those of each camera's images,
+    where they differ."""
+    bits = bits_of(left, right)
+    sides = []
+    for name, files, own_s in (("left", left, times_s[0]), ("right", right, times_s[1])):
+        images = images_of(files, Colour(bits))
+        count = sum(file is not None for file in files) if own_s is None else len(own_s)
+        sides.append((images, images.stream(name, count, clock.times_s if own_s is None else own_s)))
+    (a, first), (b, second) = sides
+    places = [next(file for file in files if file) for files in (left, right)]
+    if places[0].parent != places[1].parent:
+        places = [file.parent for file in places]
+    size = same_size(a, b, places[0], places[1])
+    unpaired = sum(None in pair for pair in zip(left, right, strict=True))
+    pairs = FramePairs(together(a, b), len(left), unpaired)
+    return stereo_layout(path, pairs, (first, second), clock, partial(rig, size), (*notes, *bits_note(bits)), folder)
 
 
 def check_paired(pairs: TimePairs, path: Path) -> None:

@@ -212,27 +212,28 @@ class Listed(NamedTuple):
 
 
 def _tum_find(path: Path, options: OpenOptions) -> Layout:
-    images, depths = _tum_listed(path / "rgb.txt"), _tum_listed(path / "depth.txt")
+    images = _tum_listed(path / "rgb.txt")
+    depths = _tum_listed(path / "depth.txt")
     associated = next((path / name for name in _ASSOCIATIONS if (path / name).is_file()), None)
     mates = _tum_associated(associated, images, depths) if associated else nearest_mates(images.ns, depths.ns)
     if not (mates >= 0).any():
         raise InputError(f"{path}: expected images and depth of the same times, found none within {MAX_APART_S:g} s")
     image_files = images_of([_inside(path, name) for name in images.names], Colour())
     depth_files = images_of([_inside(path, depths.names[i]) if i >= 0 else None for i in mates], Depths(5000.0))
-    notes, held = depth_note(mates, f"in {associated.name}" if associated else ""), find_rgbd(path)
-    if held is None:
-        notes.append("no calibration: the nominal Kinect camera is taken (fx = fy = 525 at 640x480)")
-    own = own_times(images.ns)
-    clock = clock_of_times(own) if options.fps is None else FrameClock(options.fps, even=True)
+    times_s = own_times(images.ns)
+    clock = clock_of_times(times_s) if options.fps is None else FrameClock(options.fps, even=True)
     streams = (
-        image_files.stream("image", len(images.ns), own),
+        image_files.stream("image", len(images.ns), times_s),
         depth_files.stream("depth", len(depths.ns), (depths.ns - images.ns[0]) / 1e9),
     )
-    sizes, remarks = (image_files.size, depth_files.size), (*images.notes, *depths.notes, *notes)
-    rig = partial(load_rgbd, options.calibration or path, *sizes)
-    if options.calibration is None and held is None:
-        rig = partial(RgbdRig(TUM_CAMERA, source="nominal Kinect camera").scaled, *sizes)
-    return rgbd_layout(path, image_files, depth_files, streams, clock, rig, remarks)
+    notes = [*images.notes, *depths.notes, *depth_note(mates, f"in {associated.name}" if associated else "")]
+    rig = partial(load_rgbd, options.calibration or path, image_files.size, depth_files.size)
+    if find_rgbd(path) is None:
+        notes.append("no calibration: the nominal Kinect camera is taken (fx = fy = 525 at 640x480)")
+        if options.calibration is None:
+            nominal = RgbdRig(TUM_CAMERA, source="nominal Kinect camera")
+            rig = partial(nominal.scaled, image_files.size, depth_files.size)
+    return rgbd_layout(path, image_files, depth_files, streams, clock, rig, notes)
 
 
 def _tum_associated(file: Path, images: Listed, depths: Listed) -> I64:

@@ -18,7 +18,7 @@ from calib.formats.rgbd import load_rgbd
 from calib.io import entries
 from stereo.depth import Depths
 from stereo.readers import base
-from stereo.readers.images import Colour, bits_note, bits_of, frame_number, image_files, images_of
+from stereo.readers.images import Colour, frame_number, image_files, images_of
 from stereo.readers.pairing import (
     Pair,
     depth_note,
@@ -49,15 +49,16 @@ def in_folders(left: Path, right: Path) -> Sides:
 def sides_layout(path: Path, sides: Sides, folder: Path, options: OpenOptions) -> base.Layout:
     """Images of two cameras by the times in lists next to them or in their names, else, and where there is a
     timestamps.csv, by their names; that, calibration and world.toml lie in ``folder``."""
-    each = list(zip(sides.folders, sides.files, strict=True))
-    for side, found in each:
-        if not found:
-            raise InputError(f"{side}: expected images of one camera, found {inside_text(side)}")
-    if not (folder / "timestamps.csv").is_file():
-        timed = [base.TimedFiles(at, files, own.ns) for at, files in each if (own := stamps_of(files, at, folder))]
-        if len(timed) == 2:
-            given = options.calibration or folder
-            return base.timed_layout(path, timed[0], timed[1], options, partial(load_rig, given), (), folder)
+    stamps = []
+    for at, files in zip(sides.folders, sides.files, strict=True):
+        if not files:
+            raise InputError(f"{at}: expected images of one camera, found {inside_text(at)}")
+        stamps.append(None if (folder / "timestamps.csv").is_file() else stamps_of(files, at, folder))
+    if stamps[0] and stamps[1]:
+        left = base.TimedFiles(sides.folders[0], sides.files[0], stamps[0].ns)
+        right = base.TimedFiles(sides.folders[1], sides.files[1], stamps[1].ns)
+        rig = partial(load_rig, options.calibration or folder)
+        return base.timed_layout(path, left, right, options, rig, (), folder)
     pairs = pair_files(*sides.files, sides.number)
     return files_layout(path, pairs, options, folder, numbering_note(pairs, sides.number))
 
@@ -66,19 +67,12 @@ def files_layout(
     path: Path, pairs: Sequence[Pair], options: OpenOptions, folder: Path | None = None, notes: Sequence[str] = ()
 ) -> base.Layout:
     """Images that pair by their names, at the times of the folder's timestamps.csv."""
-    folder, sides = folder or path, ([pair[0] for pair in pairs], [pair[1] for pair in pairs])
-    bits = bits_of(*sides)
-    a, b = (images_of(files, Colour(bits)) for files in sides)
-    left, right = (next(file for file in files if file) for files in sides)
-    names = (left, right) if left.parent == right.parent else (left.parent, right.parent)
-    size, clock = base.same_size(a, b, *names), base.clock_of(folder, options, len(pairs), files=images_there(pairs))
-    streams = tuple(
-        source.stream(name, sum(file is not None for file in files), clock.times_s)
-        for name, files, source in zip(("left", "right"), sides, (a, b), strict=True)
-    )
-    each = base.FramePairs(base.together(a, b), len(pairs), sum(None in pair for pair in pairs))
-    rig = partial(load_rig, options.calibration or folder, size)
-    return base.stereo_layout(path, each, streams, clock, rig, (*notes, *bits_note(bits)), folder)
+    place = folder or path
+    clock = base.clock_of(place, options, len(pairs), files=images_there(pairs))
+    left = [first for first, _ in pairs]
+    right = [second for _, second in pairs]
+    rig = partial(load_rig, options.calibration or place)
+    return base.images_layout(path, left, right, clock, rig, notes, place)
 
 
 def images_there(pairs: Sequence[Pair]) -> list[Path | None]:
@@ -120,22 +114,21 @@ def _colour_and_depth(path: Path) -> tuple[list[Path], list[Path]] | None:
     """Images and depth at a path: in two folders, or side by side in one, distinguished by their names."""
     if not path.is_dir():
         return None
-    folders = [f for f in entries(path) if f.is_dir()]
-    colour = [f for f in folders if _COLOUR.search(f.name) and not _DEPTH.search(f.name)]
-    depth = [f for f in folders if _DEPTH.search(f.name)]
+    folders = [entry for entry in entries(path) if entry.is_dir()]
+    depth = [folder for folder in folders if _DEPTH.search(folder.name)]
+    colour = [folder for folder in folders if _COLOUR.search(folder.name) and folder not in depth]
     if len(depth) > 1:  # depth in the pixels of its image
-        depth = [f for f in depth if _REGISTERED.search(f.name)]
+        depth = [folder for folder in depth if _REGISTERED.search(folder.name)]
     if len(colour) == 1 and len(depth) == 1:
         return image_files(colour[0]), image_files(depth[0])
     files = image_files(path)
-    of_depth = [f for f in files if _DEPTH.search(f.stem)]
-    of_colour = [f for f in files if not _DEPTH.search(f.stem)]
-    if not of_depth:  # 0001.jpg and 0001.png
-        kinds = {suffix: [f for f in files if f.suffix == suffix] for suffix in {f.suffix for f in files}}
-        deep = {suffix for suffix, own in kinds.items() if _is_deep(own[0])}
-        if len(kinds) == 2 and len(deep) == 1:
-            (of_depth,) = (kinds[suffix] for suffix in deep)
-            (of_colour,) = (kinds[suffix] for suffix in kinds.keys() - deep)
+    of_depth = [file for file in files if _DEPTH.search(file.stem)]
+    suffixes = {file.suffix for file in files}
+    if not of_depth and len(suffixes) == 2:  # 0001.jpg and 0001.png
+        firsts = {file.suffix: file for file in reversed(files)}
+        deep = [suffix for suffix, file in firsts.items() if _is_deep(file)]
+        of_depth = [file for file in files if len(deep) == 1 and file.suffix == deep[0]]
+    of_colour = [file for file in files if file not in set(of_depth)]
     return (of_colour, of_depth) if of_colour and of_depth else None
 
 
@@ -150,15 +143,15 @@ def _find_rgbd(path: Path, options: OpenOptions) -> base.Layout:
     sides = _colour_and_depth(path)
     if sides is None:
         raise InputError(f"{path}: expected images and depth, found neither")
-    timed = None if (path / "timestamps.csv").is_file() else _timed(*sides, path)
-    pairs = timed[0] if timed else pair_files(*sides)
-    notes = () if timed else numbering_note(pairs)
-    clock = (
-        timed[1]
-        if timed and options.fps is None
-        else base.clock_of(path, options, len(pairs), files=images_there(pairs))
-    )
-    images, depths = images_of([pair[0] for pair in pairs], Colour()), images_of([pair[1] for pair in pairs], Depths())
+    pairs, clock = (None, None) if (path / "timestamps.csv").is_file() else _timed(*sides, path)
+    notes: tuple[str, ...] = ()
+    if pairs is None:
+        pairs = pair_files(*sides)
+        notes = numbering_note(pairs)
+    if clock is None or options.fps is not None:
+        clock = base.clock_of(path, options, len(pairs), files=images_there(pairs))
+    images = images_of([image for image, _ in pairs], Colour())
+    depths = images_of([depth for _, depth in pairs], Depths())
     streams = (
         images.stream("image", len(sides[0]), clock.times_s),
         depths.stream("depth", len(sides[1]), clock.times_s),
@@ -167,18 +160,21 @@ def _find_rgbd(path: Path, options: OpenOptions) -> base.Layout:
     return base.rgbd_layout(path, images, depths, streams, clock, rig, notes)
 
 
-def _timed(images: list[Path], depths: list[Path], folder: Path) -> tuple[list[Pair], FrameClock] | None:
+def _timed(images: list[Path], depths: list[Path], folder: Path) -> tuple[list[Pair], FrameClock] | tuple[None, None]:
     """Images with the depth of their time, by files of times or the names; None where these number the frames."""
-    stamps, depth_stamps = (stamps_of(files, files[0].parent, folder) for files in (images, depths))
+    stamps = stamps_of(images, images[0].parent, folder)
+    depth_stamps = stamps_of(depths, depths[0].parent, folder)
     if stamps is None or depth_stamps is None:
-        return None
+        return None, None
     order = np.argsort(stamps.ns)
-    ns, mates = stamps.ns[order], nearest_mates(stamps.ns[order], depth_stamps.ns)
+    ns = stamps.ns[order]
+    mates = nearest_mates(ns, depth_stamps.ns)
     if not (mates >= 0).any():
-        return None
-    times = np.asarray((ns - ns[0]) / 1e9, dtype=np.float64)
-    pairs = [(images[i], depths[mate] if mate >= 0 else None) for i, mate in zip(order, mates, strict=True)]
-    return list(pairs), base.clock_of_times(times, depth_note(mates))
+        return None, None
+    pairs: list[Pair] = []
+    for image, depth in zip(order, mates, strict=True):
+        pairs.append((images[image], depths[depth] if depth >= 0 else None))
+    return pairs, base.clock_of_times(base.own_times(ns), depth_note(mates))
 
 
 RGBD_FOLDERS = base.Reader(

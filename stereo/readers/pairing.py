@@ -39,17 +39,23 @@ def split_sides(names: Sequence[str]) -> Sided | None:
     """Left and right by these words (or L and R) in names without folder and ending, else by two camera numbers, the
     lower one left; names without a side are passed over. None when the names have no two sides."""
     for pattern in (_WORD, *_NUMBERS):
-        found = [{match[3].lower().removesuffix("eft").removesuffix("ight") for match in pattern.finditer(name)}
-                 for name in names]  # fmt: skip
-        sides = sorted({side for own in found if len(own) == 1 for side in own})
-        sides.sort(key=lambda side: int(side) if side.isdecimal() else 0)
+        side_of = [_side_in(name, pattern) for name in names]
+        sides = sorted({side for side in side_of if side}, key=lambda side: (len(side), side))
         if len(sides) == 2:
-            left, right = ([i for i, own in enumerate(found) if own == {side}] for side in sides)
+            left = [i for i, side in enumerate(side_of) if side == sides[0]]
+            right = [i for i, side in enumerate(side_of) if side == sides[1]]
             rest = [
-                pattern.sub(r"\1\2*", name) if len(own) == 1 else "" for name, own in zip(names, found, strict=True)
+                "" if side == "" else pattern.sub(r"\1\2*", name) for side, name in zip(side_of, names, strict=True)
             ]
             return Sided(left, right, rest)
     return None
+
+
+def _side_in(name: str, pattern: re.Pattern[str]) -> str:
+    """The one side that a name holds, "l", "r" or a number; empty where it holds none, or several."""
+    words = {match[3].lower() for match in pattern.finditer(name)}
+    sides = {word if word.isdecimal() else word[0] for word in words}
+    return sides.pop() if len(sides) == 1 else ""
 
 
 def one_of_each(paths: Sequence[Path]) -> tuple[Path, Path] | None:
@@ -74,21 +80,23 @@ def pair_files(left: list[Path], right: list[Path], number: Callable[[Path], int
     Args:
         number: a file's number, None when it has none.
     """
-    left_by, right_by = _numbered(left, number), _numbered(right, number)
+    left_by = _numbered(left, number)
+    right_by = _numbered(right, number)
+    in_order: list[Pair] = list(zip(left, right, strict=False))
     if left_by is None or right_by is None:
         if len(left) != len(right):
             stems = {file.stem for file in left} & {file.stem for file in right}
-            first = next((file for file in [*left, *right] if file.stem not in stems), left[0])
-            raise _unpaired(first, left, right)
-        return list(zip(left, right, strict=True))
+            alone = [file for file in [*left, *right] if file.stem not in stems]
+            raise _unpaired(alone[0] if alone else left[0], left, right)
+        return in_order
     either = sorted(left_by.keys() | right_by.keys())
-    unpaired = [n for n in either if (n in left_by) != (n in right_by)]
+    unpaired = [number for number in either if not (number in left_by and number in right_by)]
     most = 0.1 * len(either)
-    if unpaired and len(left) == len(right) and len(unpaired) > most:
-        return list(zip(left, right, strict=True))  # e.g. numbered by two clocks
+    if len(left) == len(right) and len(unpaired) > most:
+        return in_order  # e.g. numbered by two clocks
     if len(unpaired) > max(1.0, most):
         raise _unpaired(left_by.get(unpaired[0]) or right_by[unpaired[0]], left, right)
-    return [(left_by.get(n), right_by.get(n)) for n in even_sequence(either)]
+    return [(left_by.get(number), right_by.get(number)) for number in even_sequence(either)]
 
 
 def numbering_note(pairs: Sequence[Pair], number: Callable[[Path], int | None] = frame_number) -> tuple[str, ...]:
@@ -98,11 +106,9 @@ def numbering_note(pairs: Sequence[Pair], number: Callable[[Path], int | None] =
     starts = number(left), number(right)
     if None in starts or starts[0] == starts[1]:
         return ()
-    both = next((pair for pair in pairs if None not in pair), (left, left))
-    by_number = both[0] is not None and both[1] is not None and number(both[0]) == number(both[1])
-    names = [str(file.relative_to(file.parent.parent)) for file in (left, right)]
-    how = "by number" if by_number else "in order"
-    return (f"the first images are {names[0]} and {names[1]}: paired {how}; if that is wrong, renumber those of one",)
+    how = "in order" if (left, right) == pairs[0] else "by number"
+    names = f"{left.parent.name}/{left.name} and {right.parent.name}/{right.name}"
+    return (f"the first images are {names}: paired {how}; if that is wrong, renumber those of one",)
 
 
 def even_sequence(numbers: list[int]) -> list[int]:
