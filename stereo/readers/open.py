@@ -25,6 +25,7 @@ from stereo.readers.video import READER as VIDEO_PAIR
 from stereo.readers.video import VideoFile, video_files, video_pair, video_tracks
 from stereo.recording import (
     Frame,
+    FrameClock,
     OneCamera,
     OpenOptions,
     Pair,
@@ -92,14 +93,17 @@ def _two_paths(left: Path, options: OpenOptions) -> base.Layout:
         if path.suffix.lower() in SUFFIXES:
             raise InputError(f"{path}: expected a video or a folder of images of one camera, found {ONE_IMAGE}")
     folder = Path(os.path.commonpath([path.resolve().parent for path in paths]))
-    if all(map(image_files, filter(Path.is_dir, paths))) and all(map(Path.is_dir, paths)):
+    if all(path.is_dir() and image_files(path) for path in paths):
         return sides_layout(left, in_folders(*paths), folder, options)
-    videos = [video_files(path) if path.is_dir() else [path] for path in paths]
-    if several := next((path for path, found in zip(paths, videos, strict=True) if len(found) > 1), None):
-        raise InputError(f"{several}: expected one video, found {inside_text(several)}")
-    if [len(found) for found in videos] != [1, 1]:
+    videos = []
+    for path in paths:
+        found = video_files(path) if path.is_dir() else [path]
+        if len(found) > 1:
+            raise InputError(f"{path}: expected one video, found {inside_text(path)}")
+        videos += found
+    if len(videos) != 2:
         raise InputError(f"{left} and {paths[1]}: expected two videos or two folders of images, found others")
-    return video_pair(left, videos[0][0], videos[1][0], folder, options)
+    return video_pair(left, videos[0], videos[1], folder, options)
 
 
 def holds_pair(path: Path, options: OpenOptions | None = None) -> bool:
@@ -154,25 +158,45 @@ def open_video(path: Path | str, options: OpenOptions | None = None) -> Recordin
     if options.calibration is not None:
         expected = "expected a stereo pair or images with depth"
         raise InputError(f"{expected}, found {path}: one camera", argument="calibration")
-    files, videos = ([], [path]) if path.is_file() else (image_files(path), video_files(path))
-    if not files and len(videos) != 1:
+    files = [] if path.is_file() else image_files(path)
+    if files:
+        return _images_of_one(path, files, options)
+    videos = [path] if path.is_file() else video_files(path)
+    if len(videos) != 1:
         raise InputError(f"{path}: expected images or one video, found {len(videos)} videos and no image")
-    bits, clock, frames = bits_of(files), None, list[Path | None](files)
-    if files and not (path / "timestamps.csv").is_file() and (stamps := stamps_of(files, path, path)):
-        own = pair_stamps(stamps.ns, stamps.ns)
-        frames, clock = [files[i] if i >= 0 else None for i in own.left], base.clock_of_pairs(own, options)
-    source: base.FrameSource = images_of(frames, Colour(bits)) if files else VideoFile(videos[0])
-    listed = None if files else camera_times(videos[0], videos[0].parent, source.n_frames)
+    video = VideoFile(videos[0])
+    listed = camera_times(videos[0], videos[0].parent, video.n_frames)
     if listed and options.fps is None:
-        times = base.own_times(read_times(listed, source.n_frames).ns)
-        clock = base.clock_of_times(times)
-    clock = clock or base.clock_of(path, options, source.n_frames, source.fps, source.raw, frames)
-    notes = [*clock.notes, *bits_note(bits)]
-    if not files and (tracks := video_tracks(videos[0])) > 1:
+        clock = base.clock_of_times(base.own_times(read_times(listed, video.n_frames).ns))
+    else:
+        clock = base.clock_of(path, options, video.n_frames, video.fps, video.raw)
+    notes = list(clock.notes)
+    tracks = video_tracks(videos[0])
+    if tracks > 1:
         notes.append(f"{tracks} video tracks in the file: the first is read")
+    return _recording_of_one(path, video, clock, notes, options)
+
+
+def _images_of_one(path: Path, files: Sequence[Path], options: OpenOptions) -> Recording[OneCamera]:
+    frames: list[Path | None] = list(files)
+    stamps = None if (path / "timestamps.csv").is_file() else stamps_of(files, path, path)
+    if stamps is None:
+        clock = base.clock_of(path, options, len(frames), files=frames)
+    else:
+        pairs = pair_stamps(stamps.ns, stamps.ns)
+        frames = [files[i] if i >= 0 else None for i in pairs.left]
+        clock = base.clock_of_pairs(pairs, options)
+    bits = bits_of(files)
+    notes = [*clock.notes, *bits_note(bits)]
+    return _recording_of_one(path, images_of(frames, Colour(bits)), clock, notes, options)
+
+
+def _recording_of_one(
+    path: Path, source: base.FrameSource, clock: FrameClock, notes: list[str], options: OpenOptions
+) -> Recording[OneCamera]:
     head = OneCamera(source.size)
-    each = base.together(source)
-    return Recording(path, each, source.n_frames, clock, notes, head, options=options, files=source.files)
+    decode = base.together(source)
+    return Recording(path, decode, source.n_frames, clock, notes, head, options=options, files=source.files)
 
 
 class SeveralHeads:

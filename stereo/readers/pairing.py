@@ -176,40 +176,44 @@ def pair_stamps(
         names: of the two, for the notes.
         one_clock: whether times that differ by a constant are those of one clock.
     """
-    counts = len(left_ns), len(right_ns)
-    steps = np.diff(np.sort(left_ns if counts[0] >= counts[1] else right_ns))
+    longer = left_ns if len(left_ns) >= len(right_ns) else right_ns
+    steps = np.diff(np.sort(longer))
     steps = steps[steps > 0]
     if not steps.size:
-        order = np.arange(max(counts))
-        left, right = (np.where(order < n, order, -1) for n in counts)
+        order = np.arange(len(longer))
+        left = np.where(order < len(left_ns), order, -1)
+        right = np.where(order < len(right_ns), order, -1)
         return TimePairs(left, right, np.zeros(len(order)), math.nan, (ONE_TIME,))
     period = float(np.median(steps))  # of the camera that has more frames [ns]
-    tolerance, notes, offset = period * PAIRED_WITHIN, [], 0
-    if counts[0] == counts[1] > 0 and not one_clock:
-        # A clock that is ahead: all frames are as far apart. With other counts which belong together would be a guess.
-        ahead = int(np.median(right_ns - left_ns))
-        if abs(ahead) > tolerance and np.all(np.abs(right_ns - left_ns - ahead) <= tolerance):
-            offset = ahead
-            notes.append(
-                f"the clock of {names[1]} is {_span(offset / 1e9)} from that of {names[0]}: paired in order; if that "
-                f"camera began later instead, leave out the frames that the other one lacks"
-            )
+    tolerance = period * PAIRED_WITHIN
+    offset = 0 if one_clock else _ahead(left_ns, right_ns, tolerance)
+    notes = []
+    if offset:
+        notes.append(
+            f"the clock of {names[1]} is {_span(offset / 1e9)} from that of {names[0]}: paired in order; if that "
+            f"camera began later instead, leave out the frames that the other one lacks"
+        )
     left_mate, right_mate = _mates(left_ns, right_ns - offset, tolerance)
+    left_eras = _eras(left_ns, period)
+    right_eras = _eras(right_ns, period)
+    # Frames of the left camera with their mates, then those that only the right one has; in order of their times.
     alone = np.flatnonzero(right_mate < 0)
-    left = np.concatenate([np.arange(len(left_ns)), np.full(len(alone), -1)])
-    right = np.concatenate([left_mate, alone])
     stamps = np.concatenate([left_ns, right_ns[alone] - offset])
-    left_eras, right_eras = _eras(left_ns, period), _eras(right_ns, period)
     eras = np.concatenate([left_eras, right_eras[alone]])
     order = np.lexsort((stamps, eras))
-    left, right, stamps, eras = left[order], right[order], stamps[order], eras[order]
-    steps = np.diff(stamps).astype(np.float64)
-    jumps = np.flatnonzero(np.diff(eras))
-    jumped = [(int(frame), float(steps[frame]) / 1e9) for frame in jumps]
-    steps[jumps] = period
-    times = np.concatenate([[0.0], np.cumsum(steps)])[: len(stamps)] / 1e9
+    left = np.concatenate([np.arange(len(left_ns)), np.full(len(alone), -1)])[order]
+    right = np.concatenate([left_mate, alone])[order]
+    steps_ns = np.diff(stamps[order]).astype(np.float64)
+    jumps = np.flatnonzero(np.diff(eras[order]))
+    jump_notes = [
+        f"the clock jumps by {_span(steps_ns[i] / 1e9)} after frame {i}: times run on at the nominal rate"
+        for i in jumps
+    ]
+    steps_ns[jumps] = period
+    times = np.concatenate([[0.0], np.cumsum(steps_ns)])[: len(stamps)] / 1e9
     again = np.diff(times, prepend=-1.0) <= 0
-    left[again], right[again] = -1, -1
+    left[again] = -1
+    right[again] = -1
     alone_counts = [int(np.count_nonzero((own >= 0) & (other < 0))) for own, other in ((left, right), (right, left))]
     if any(alone_counts):
         each = ", ".join(f"{count} of {name}" for name, count in zip(names, alone_counts, strict=True) if count)
@@ -217,13 +221,21 @@ def pair_stamps(
         notes.append(f"{sum(alone_counts)} of {_frames(len(left))} without a mate within {limit}, skipped ({each})")
     if again.any():
         notes.append(f"{_frames(int(again.sum()))} with the time of the frame before, skipped")
-    for own, era, name in ((left_ns, left_eras, names[0]), (right_ns, right_eras, names[1])):
-        if late := int(np.count_nonzero((np.diff(own) < 0) & (np.diff(era) == 0))):
+    for stamps_ns, era, name in ((left_ns, left_eras, names[0]), (right_ns, right_eras, names[1])):
+        late = int(np.count_nonzero((np.diff(stamps_ns) < 0) & (np.diff(era) == 0)))
+        if late:
             notes.append(f"{_frames(late)} of {name} recorded out of order, put in order of their times")
-    notes += [
-        f"the clock jumps by {_span(s)} after frame {frame}: times run on at the nominal rate" for frame, s in jumped
-    ]
-    return TimePairs(left, right, times, 1e9 / period, tuple(notes))
+    return TimePairs(left, right, times, 1e9 / period, (*notes, *jump_notes))
+
+
+def _ahead(left_ns: I64, right_ns: I64, tolerance_ns: float) -> int:
+    """By how much the clock of the right camera is ahead [ns]: all frames are as far apart. 0 with other counts, where
+    which belong together would be a guess."""
+    if len(left_ns) != len(right_ns) or not len(left_ns):
+        return 0
+    ahead = int(np.median(right_ns - left_ns))
+    constant = bool(np.all(np.abs(right_ns - left_ns - ahead) <= tolerance_ns))
+    return ahead if constant and abs(ahead) > tolerance_ns else 0
 
 
 def _mates(left_ns: I64, right_ns: I64, tolerance_ns: float) -> tuple[I64, I64]:

@@ -28,15 +28,20 @@ def stamps_in_names(stems: Sequence[str]) -> Stamps | None:
     """Times that the names of files hold: dates with a time of day, numbers with decimals or as large as only a clock
     counts, or numbers in the even but not equal steps of milliseconds. None where names number the frames, or hold no
     number."""
+    if len(stems) < 2:
+        return None
     for pattern, read in ((_NAMED_DATE, _of_dates), (_NAMED_NUMBER, _of_numbers), (_LAST_NUMBER, _of_milliseconds)):
         matches = [list(pattern.finditer(stem)) for stem in stems]
-        alike = len(set(map(len, matches))) == 1 and len(stems) > 1
-        for place in reversed(range(len(matches[0]) if alike else 0)):
+        count = len(matches[0])
+        if any(len(each) != count for each in matches):
+            continue
+        for place in reversed(range(count)):
+            stamps = None
             with suppress(InputError):  # more than any clock counts
                 stamps = read([each[place] for each in matches])
-                # Whole seconds only order the frames.
-                if stamps is not None and len(set(stamps.ns.tolist())) > 0.5 * len(stems):
-                    return stamps
+            # Whole seconds only order the frames.
+            if stamps is not None and len(set(stamps.ns.tolist())) > 0.5 * len(stems):
+                return stamps
     return None
 
 
@@ -53,14 +58,14 @@ def _of_dates(matches: Sequence[re.Match[str]]) -> Stamps | None:
 
 def _of_numbers(matches: Sequence[re.Match[str]]) -> Stamps | None:
     wholes = [match[1] or match[3] for match in matches]
-    parts = [match[2] or match[4] for match in matches]
     if any(whole.startswith("00") for whole in wholes):
         return None  # a counter with leading zeros
     if read_stamps("", wholes).unit == "s":
+        parts = [match[2] or match[4] for match in matches]
         return _with_parts(np.array(wholes, dtype=np.int64), parts, matches)
-    decimals = [match[0][len(whole) :] for match, whole in zip(matches, wholes, strict=True)]
-    points = all(text.startswith(".") for text in decimals)
-    return _unless_counted([match[0] for match in matches] if points else wholes)
+    texts = [match[0] for match in matches]
+    have_points = all("." in text for text in texts)
+    return _unless_counted(texts if have_points else wholes)
 
 
 def _unless_counted(texts: Sequence[str]) -> Stamps | None:
@@ -87,14 +92,16 @@ def _with_parts(seconds: I64, parts: Sequence[str | None], matches: Sequence[re.
 def _of_milliseconds(matches: Sequence[re.Match[str]]) -> Stamps | None:
     """Times of numbers that step as a clock of milliseconds does, 33, 33, 34; a counter with gaps steps by multiples
     of one step."""
+    if any(match[1].startswith("00") for match in matches):
+        return None
     numbers: I64 = np.array([int(match[1]) for match in matches], dtype=np.int64)
     steps = np.asarray(np.diff(np.sort(numbers)), dtype=np.int64)
     usual = float(np.median(steps))
     even = float(np.mean(np.abs(steps - usual) <= 0.1 * usual + 1))
-    padded = any(match[1].startswith("00") for match in matches)
-    if padded or len(steps) < 5 or not 4 <= usual <= 2000 or even < 0.8:
+    if len(steps) < 5 or not 4 <= usual <= 2000 or even < 0.8:
         return None
-    return None if np.gcd.reduce(steps) >= 0.5 * steps.min() else Stamps(numbers * NS["ms"], "ms")
+    is_counter = np.gcd.reduce(steps) >= 0.5 * steps.min()
+    return None if is_counter else Stamps(numbers * NS["ms"], "ms")
 
 
 LISTS = ("timestamps.txt", "times.txt", "timestamp.txt")
@@ -155,17 +162,17 @@ def timed_rows(path: Path) -> TimedRows:
     """The rows of a list, with a time in each line, behind the number of its frame where it has one; or of a table,
     whose first line names its columns. Raises InputError: a row without a time, or a table without such columns."""
     rows = read_rows(path, "a table of times")
-    names = [name.lower() for name in rows[0].cells] if rows else []
-    if names and not is_time(names[0]):
-        return _table(path, names, rows[1:])
-    if _is_count([row.cells for row in rows]):
-        return TimedRows(path, [int(row.cells[0]) for row in rows], [row.cells[1] for row in rows])
-    # Python writes a comma before the milliseconds of a date.
-    whole = all(len(row.cells) == 2 and ":" in row.cells[0] and row.cells[1].isdecimal() for row in rows)
-    return TimedRows(path, None, [".".join(row.cells) if whole else row.cells[0] for row in rows])
+    cells = [row.cells for row in rows]
+    if cells and not is_time(cells[0][0]):
+        return _table(path, [name.lower() for name in cells[0]], rows[1:])
+    if _count_rows(cells):
+        return TimedRows(path, [int(row[0]) for row in cells], [row[1] for row in cells])
+    if all(len(row) == 2 and ":" in row[0] and row[1].isdecimal() for row in cells):
+        return TimedRows(path, None, [f"{row[0]}.{row[1]}" for row in cells])  # as Python writes milliseconds
+    return TimedRows(path, None, [row[0] for row in cells])
 
 
-def _is_count(rows: Sequence[Sequence[str]]) -> bool:
+def _count_rows(rows: Sequence[Sequence[str]]) -> bool:
     """Whether the first of several cells counts the frames: whole numbers that rise by one, but for gaps."""
     if not all(len(cells) > 1 and cells[0].isdecimal() and is_time(cells[1]) for cells in rows):
         return False
@@ -299,8 +306,13 @@ def stamps_of(files: Sequence[Path], at: Path, folder: Path) -> Stamps | None:
 
 def unused_times(folder: Path, used: Path | None) -> tuple[str, ...]:
     """A note on files of times in a recording other than the one used."""
-    places = [folder, *(place for place in entries(folder) if place.is_dir())] if folder.is_dir() else []
-    kinds = (".csv", ".txt", ".tsv", ".json", ".npy", ".yaml")
-    found = [str(f.relative_to(folder)) for place in places for f in files_of_times(place, "", kinds) if f != used]
+    if not folder.is_dir():
+        return ()
+    found = []
+    for place in (folder, *filter(Path.is_dir, entries(folder))):
+        files = files_of_times(place, "", (".csv", ".txt", ".tsv", ".json", ".npy", ".yaml"))
+        found += [str(file.relative_to(folder)) for file in files if file != used]
+    if not found:
+        return ()
     why = f"the times of {used.name} count" if used else "each camera needs times of its own, or all timestamps.csv"
-    return (f"not used: {', '.join(found[:4])} ({why})",) if found else ()
+    return (f"not used: {', '.join(found[:4])} ({why})",)
