@@ -181,7 +181,7 @@ class Tracker(Protocol):
     """People over time. ``update`` once per frame, in order; ``reset`` forgets everything.
 
     Attributes:
-        needs: a recording whose heads do not give it is refused.
+        needs: a recording whose sensors do not give it is refused.
     """
 
     @property
@@ -261,7 +261,7 @@ def _add_boxes(people: Sequence[TrackState], camera: FloorCamera | None) -> list
 
 
 def _unfit_for_table(people: Sequence[TrackState]) -> str:
-    """What tracks.csv cannot hold of one frame's people; empty where it can hold all."""
+    """The first value of one frame's people that tracks.csv cannot hold; empty if it can hold all."""
     ids = [person.track_id for person in people]
     for person in people:
         if not isinstance(person.track_id, Integral) or abs(person.track_id) > KEY_MAX:
@@ -296,7 +296,7 @@ def refuse_tracker(tracker: object, names: Sequence[str]) -> None:
 
 
 class Living(Protocol):
-    """What ``LifeCycle`` needs of a track: a number, negative until it is confirmed, and whether it is."""
+    """A track as ``LifeCycle`` needs it: a number, negative until it is confirmed, and whether it is."""
 
     track_id: int
     confirmed: bool

@@ -137,7 +137,7 @@ class BodyPart(NamedTuple):
 
 
 class BodyTable(NamedTuple):
-    """How a body of ``TORSO.height_m`` looks along rays, for the depression angle of the ray and for where it faces.
+    """Look of a body of ``TORSO.height_m`` along rays, by the depression angle of the ray and by where the body faces.
 
     A ray is described by where it passes the body's centre: ``u`` to the left of it, seen from the camera, and ``w``
     up, both perpendicular to the ray. Sizes scale with the body's height.
@@ -207,8 +207,8 @@ def build_table(
     parts: Sequence[BodyPart], turn_rad: float | None = None, lean_m: float = 0.0, u_cells: int = U_CELLS
 ) -> BodyTable:
     """Table of one posture: of the parts on a ray, the likeliest one; see ``enter_cylinders``."""
-    u, w = ((np.arange(cells) + 0.5 - cells / 2) * TABLE_CELL_M for cells in (u_cells, W_CELLS))
-    across, up = np.meshgrid(u, w, indexing="ij", sparse=True)
+    across = _cell_centres(u_cells)[:, None]
+    up = _cell_centres(W_CELLS)[None, :]
     angles = np.deg2rad(ANGLE_MIN_DEG + ANGLE_STEP_DEG * np.arange(ANGLES))
     cover = np.empty((1, ANGLES, u_cells, W_CELLS), np.float32)
     front = np.empty_like(cover)
@@ -218,10 +218,15 @@ def build_table(
     return BodyTable(cover, front, float(angles[0]), float(np.deg2rad(ANGLE_STEP_DEG)), TABLE_CELL_M, lowest_m)
 
 
+def _cell_centres(n: int) -> F64:
+    """(n,) places of the cells of an axis whose middle is 0 [m]."""
+    return np.asarray((np.arange(n) + 0.5 - n / 2) * TABLE_CELL_M, dtype=np.float64)
+
+
 def _render_parts(
     parts: Sequence[BodyPart], depression: float, u: F64, w: F64, turn_rad: float | None, lean_m: float
 ) -> tuple[F64, F64]:
-    """How surely some parts cover rays, and the surface of the likeliest of them [m]."""
+    """Cover of rays by some parts, and the surface of the likeliest of them [m]."""
     entered = [enter_cylinders(depression, u, w, part.profile, turn_rad, lean_m) for part in parts]
     always_there = [enter for enter, part in zip(entered, parts, strict=True) if part.covers == 1.0]
     nearest = np.min(always_there, axis=0, initial=np.inf)
@@ -229,9 +234,11 @@ def _render_parts(
     for enter, part in zip(entered, parts, strict=True):
         always = part.covers == 1.0
         blur = part.blur_m / TABLE_CELL_M
-        hit = np.isfinite(enter) & ((enter == nearest) | (not always))
+        shows = enter == nearest if always else np.isfinite(enter)
+        hit = np.isfinite(enter) & shows
         inside = cv2.GaussianBlur(hit.astype(np.float64), (0, 0), blur)
-        ahead = cv2.GaussianBlur(np.where(hit, -enter, 0.0), (0, 0), blur) / np.maximum(inside, 1e-6)
+        front_sum = cv2.GaussianBlur(np.where(hit, -enter, 0.0), (0, 0), blur)
+        ahead = front_sum / np.maximum(inside, 1e-6)
         share = part.covers * inside
         sure = share + hit if always else share
         front = np.where(sure > likeliest, ahead, front)
@@ -243,7 +250,7 @@ def _render_parts(
 def enter_cylinders(
     depression: float, u: F64, w: F64, profile: Profile, turn_rad: float | None = None, lean_m: float = 0.0
 ) -> F64:
-    """Where rays enter upright elliptic cylinders, from the point nearest to the body's centre on [m]; inf for never.
+    """Places where rays enter upright elliptic cylinders, from the point nearest to the body's centre on [m], or inf.
 
     Args:
         turn_rad: direction of facing relative to the level direction of the ray, counterclockwise; None for the mean
@@ -287,7 +294,7 @@ def _nonzero(value: float) -> float:
 
 
 def lean_share(height: float) -> float:
-    """How far a part that begins at a relative height is before the feet, relative to the head: shoulders half."""
+    """Share of the head's lean in that of a part that begins at a relative height: shoulders half."""
     if height >= NECK_FROM:
         return 1.0
     return 0.5 if height >= CHEST_FROM else 0.0

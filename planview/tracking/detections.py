@@ -14,9 +14,10 @@ from calib.carried import Carried
 from calib.ground_camera import GroundCamera
 from calib.params import Params
 from calib.types import F64, I64, U8
-from planview.tracking import body
+from planview.tracking import body, odds
 from planview.tracking.base import Decision, Existence, LifeCycle, Needs, Observation, TrackerDebug
 from planview.tracking.kalman import FloorKalman
+from planview.tracking.matching import best_pairs, common_areas, overlaps
 from planview.trajectories.boxes import Detections
 from planview.trajectories.state import TrackState
 
@@ -31,6 +32,8 @@ BOX_EVIDENCE_MAX = 3.0
 RING = np.array([(math.cos(a), math.sin(a)) for a in np.linspace(0, 2 * np.pi, 8, endpoint=False)])
 """(8, 2) directions in which the rim of a body's cylinder is projected."""
 BOX_FIT_STEPS = 6
+HEIGHT_PRIOR = np.array([0.0, 0.0, 1 / body.HEIGHT_STD_M**2])
+"""Information on x, y and height before a box is seen [1/m^2]."""
 NEWCOMER_SHARE = 0.3
 """Share of people among boxes that show nobody known."""
 ERRORS_S = 0.25
@@ -74,19 +77,29 @@ class DetectedPerson:
     foot: F64
 
     @property
+    def bottom_px(self) -> float:
+        """Row of the bottom of the box."""
+        return float(self.box[1] + self.box[3])
+
+    @property
     def probability(self) -> float:
         """Probability of existence."""
-        return 1.0 / (1.0 + math.exp(-self.log_odds))
+        return odds.probability(self.log_odds)
 
     @property
     def state(self) -> TrackState:
         """The person as reported."""
-        x_m, y_m, vx_mps, vy_mps = self.kalman.mean.tolist()
         left, top, width, height = self.box.tolist()
         return TrackState(
-            self.existence.track_id, self.existence.state, x_m, y_m, vx_mps, vy_mps, self.height_m,
-            (left, top, width, height),
-        )  # fmt: skip
+            track_id=self.existence.track_id,
+            state=self.existence.state,
+            x_m=self.kalman.x_m,
+            y_m=self.kalman.y_m,
+            vx_mps=self.kalman.vx_mps,
+            vy_mps=self.kalman.vy_mps,
+            height_m=self.height_m,
+            box_px=(left, top, width, height),
+        )
 
 
 class PlacedBoxes(NamedTuple):
@@ -205,33 +218,41 @@ class DetectionTracker(_DetectionsTracker[DetectedPerson]):
     def _fit_bodies(self, boxes: F64) -> tuple[F64, F64]:
         """(N, 3) x, y, height [m] of the standing bodies that fit boxes best, NaN where the feet are on no floor, and
         (N, 3, 3) covariances."""
-        std_px = self.params.edge * boxes[:, 3]
         edges = np.column_stack([boxes[:, :2], boxes[:, :2] + boxes[:, 2:4]])
+        weight = self._edge_weights(boxes, edges)
         foot = np.column_stack([(edges[:, 0] + edges[:, 2]) / 2, edges[:, 3]])
-        poses = np.column_stack([self.camera.back_project(foot), np.full(len(boxes), body.HEIGHT_MEAN_M)])
-        # An edge on the border of the image is not the person's; arms and strides widen a box.
-        limits = np.array([0, 0, self.camera.width - 1, self.camera.height - 1])
-        inside = np.abs(edges - limits) > 2
-        weight = inside / (std_px[:, None] * np.array([3.0, 1.0, 3.0, 1.0]))
-        prior = np.diag([0.0, 0.0, 1 / body.HEIGHT_STD_M**2])
+        height_m = np.full(len(boxes), body.HEIGHT_MEAN_M)
+        poses = np.column_stack([self.camera.back_project(foot), height_m])
         information = np.full((len(boxes), 3, 3), np.nan)
         good = np.asarray(np.isfinite(poses).all(axis=1), dtype=np.bool_)
         for _ in range(BOX_FIT_STEPS):
-            expected = self._edges(poses)
-            slopes = [(self._edges(poses + 0.01 * axis) - expected) / 0.01 for axis in np.eye(3)]
-            jacobian = np.stack(slopes, axis=-1)
-            finite = np.isfinite(jacobian).all(axis=(1, 2)) & np.isfinite(expected).all(axis=1)
-            good = good & np.asarray(finite)
+            expected, jacobian = self._edges_and_slopes(poses)
+            good &= np.isfinite(expected).all(axis=1)
+            good &= np.isfinite(jacobian).all(axis=(1, 2))
             weighted = np.where(good[:, None, None], jacobian * weight[:, :, None], 0.0)
-            transposed = weighted.transpose(0, 2, 1)
-            information = transposed @ weighted + prior + 1e-6 * np.eye(3)
             off = np.where(good[:, None], (edges - expected) * weight, 0.0)
-            pull = (body.HEIGHT_MEAN_M - poses[:, 2])[:, None] * np.diagonal(prior)
-            step = np.linalg.solve(information, (transposed @ off[..., None]) + pull[..., None])
-            poses = poses + np.clip(step[..., 0], -2.0, 2.0)
+            information, gradient = _normal_equations(weighted, off, poses[:, 2])
+            step = np.linalg.solve(information, gradient)[..., 0]
+            poses = poses + np.clip(step, -2.0, 2.0)
             poses[:, 2] = np.clip(poses[:, 2], body.HEIGHT_MIN_M, body.HEIGHT_MAX_M)
         covariances = np.linalg.inv(information) if len(boxes) else information
         return np.where(good[:, None], poses, np.nan), covariances
+
+    def _edge_weights(self, boxes: F64, edges: F64) -> F64:
+        """(N, 4) 1 / deviation of the edges of boxes [1/px]: arms and strides widen a box; an edge on the border of the
+        image is not the person's."""
+        std_px = self.params.edge * boxes[:, 3]
+        limits = np.array([0, 0, self.camera.width - 1, self.camera.height - 1])
+        inside = np.abs(edges - limits) > 2
+        return np.asarray(inside / (std_px[:, None] * np.array([3.0, 1.0, 3.0, 1.0])))
+
+    def _edges_and_slopes(self, poses: F64) -> tuple[F64, F64]:
+        """(N, 4) edges of standing bodies [px], and (N, 4, 3) their derivatives by x, y and height."""
+        edges = self._edges(poses)
+        slopes = []
+        for axis in np.eye(3):
+            slopes.append((self._edges(poses + 0.01 * axis) - edges) / 0.01)
+        return edges, np.stack(slopes, axis=-1)
 
     def _edges(self, poses: F64) -> F64:
         """(N, 4) left, top, right, bottom [px] of standing bodies."""
@@ -260,9 +281,12 @@ class DetectionTracker(_DetectionsTracker[DetectedPerson]):
         far = float(off @ np.linalg.solve(spread, off))
         if far > GATE_CHI2:
             return -math.inf
-        taller = (pose[2] - person.height_m) ** 2 / (person.height_var + covariance[2, 2])
-        density = math.exp(-0.5 * (far + taller)) / (2 * math.pi * math.sqrt(float(np.linalg.det(spread))))
-        return math.log(max(self.params.found * density / self.params.false_per_m2, 1e-9))
+        height_var = person.height_var + covariance[2, 2]
+        taller = (pose[2] - person.height_m) ** 2 / height_var
+        area_m2 = 2 * math.pi * math.sqrt(float(np.linalg.det(spread)))
+        density = math.exp(-0.5 * (far + taller)) / area_m2
+        ratio = self.params.found * density / self.params.false_per_m2
+        return math.log(max(ratio, 1e-9))
 
     def _match(self, gains: F64) -> dict[int, int]:
         """Boxes of people, by the largest sum of gains and log-odds over having no box."""
@@ -290,13 +314,15 @@ class DetectionTracker(_DetectionsTracker[DetectedPerson]):
 
     def _miss(self, person: DetectedPerson, dt_s: float, fresh: float) -> None:
         """Take in that there is no box: survival, and evidence against as far as the person should be seen."""
-        bottom = person.box[1] + person.box[3]  # lower in the image is nearer
-        nearer = [other.box for other in self._people if other is not person and other.box[1] + other.box[3] >= bottom]
+        nearer = []
+        for other in self._people:
+            if other is not person and other.bottom_px >= person.bottom_px:  # lower in the image is nearer
+                nearer.append(other.box)
+        image = np.array([[0.0, 0.0, *self.camera.size]])
         hidden = _largest_common_share(person.box, np.array(nearer).reshape(-1, 4))
-        inside = _largest_common_share(person.box, np.array([[0.0, 0.0, *self.camera.size]]))
+        inside = _largest_common_share(person.box, image)
         away_s = body.LEAVE_S if inside < SAME_PERSON_IOU else self.params.stay_s
-        stays = person.probability * math.exp(-dt_s / away_s)
-        person.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
+        person.log_odds = odds.survive(person.log_odds, dt_s, away_s)
         person.log_odds += fresh * math.log(1 - self.params.found * (1 - hidden) * inside)
         reason = f"no box, hidden {hidden:.2f}, existence {person.probability:.3f}"
         self._life.miss(person.existence, reason, person.probability)
@@ -311,12 +337,17 @@ class DetectionTracker(_DetectionsTracker[DetectedPerson]):
             taken.add(k)
             covariance = placed.covariances[k]
             kalman = FloorKalman.from_measurement(pose[:2], covariance[:2, :2], body.SPEED_MAX_MPS / 2)
-            log_odds = math.log(NEWCOMER_SHARE / (1 - NEWCOMER_SHARE)) + float(placed.evidence[k])
+            log_odds = odds.log_odds(NEWCOMER_SHARE) + float(placed.evidence[k])
             existence = self._life.spawn(f"a box that shows nobody known, {pose[2]:.2f} m tall", log_odds)
             person = DetectedPerson(
-                existence, log_odds, kalman, float(pose[2]), float(covariance[2, 2]), boxes[k].copy(),
-                self._foot(kalman),
-            )  # fmt: skip
+                existence=existence,
+                log_odds=log_odds,
+                kalman=kalman,
+                height_m=float(pose[2]),
+                height_var=float(covariance[2, 2]),
+                box=boxes[k].copy(),
+                foot=self._foot(kalman),
+            )
             self._people.append(person)
 
     def _forget_gone(self) -> None:
@@ -330,26 +361,17 @@ class DetectionTracker(_DetectionsTracker[DetectedPerson]):
         self._people = kept
 
 
-def best_pairs(gains: F64) -> dict[int, int]:
-    """Columns of rows, each at most once, by the largest sum of (N, M) gains; none where a gain is not above 0."""
-    from scipy.optimize import linear_sum_assignment  # half a second
+def _normal_equations(weighted: F64, off: F64, heights_m: F64) -> tuple[F64, F64]:
+    """(N, 3, 3) information and (N, 3, 1) gradient of least squares, with the heights of adults as prior.
 
-    rows, columns = linear_sum_assignment(gains, maximize=True)
-    return {int(i): int(k) for i, k in zip(rows, columns, strict=True) if gains[i, k] > 0.0}
-
-
-def common_areas(boxes: F64, others: F64) -> F64:
-    """(N, M) area [px^2] that (N, 4) and (M, 4) boxes left, top, width, height share."""
-    low = np.maximum(boxes[:, None, :2], others[None, :, :2])
-    high = np.minimum(boxes[:, None, :2] + boxes[:, None, 2:], others[:, :2] + others[:, 2:])
-    return np.asarray(np.prod(np.maximum(high - low, 0.0), axis=-1))
-
-
-def overlaps(boxes: F64, others: F64) -> F64:
-    """(N, M) intersection over union of (N, 4) and (M, 4) boxes left, top, width, height [px]."""
-    shared = common_areas(boxes, others)
-    areas = np.prod(boxes[:, 2:], axis=1)[:, None] + np.prod(others[:, 2:], axis=1)
-    return np.asarray(shared / (areas - shared))
+    Args:
+        weighted: (N, 4, 3) derivatives of the edges over their deviations.
+        off: (N, 4) differences of the edges over their deviations.
+    """
+    transposed = weighted.transpose(0, 2, 1)
+    information = transposed @ weighted + np.diag(HEIGHT_PRIOR) + 1e-6 * np.eye(3)
+    pull = (body.HEIGHT_MEAN_M - heights_m)[:, None] * HEIGHT_PRIOR
+    return information, (transposed @ off[..., None]) + pull[..., None]
 
 
 def _largest_common_share(box: F64, others: F64) -> float:

@@ -25,9 +25,9 @@ class FloorKalman(NamedTuple):
     covariance: F64
 
     @staticmethod
-    def at(x_m: float, y_m: float, position_std_m: float, speed_std_mps: float = SPEED_STD_MPS) -> FloorKalman:
+    def at(x_m: float, y_m: float, position_std_m: float) -> FloorKalman:
         """Standing at a place; how fast it will move is unknown."""
-        return FloorKalman.from_measurement(np.array([x_m, y_m]), position_std_m**2 * np.eye(2), speed_std_mps)
+        return FloorKalman.from_measurement(np.array([x_m, y_m]), position_std_m**2 * np.eye(2))
 
     @staticmethod
     def from_measurement(xy_m: F64, noise: F64, speed_std_mps: float = SPEED_STD_MPS) -> FloorKalman:
@@ -45,6 +45,11 @@ class FloorKalman(NamedTuple):
     def y_m(self) -> float:
         """Position along y [m]."""
         return float(self.mean[1])
+
+    @property
+    def at_m(self) -> tuple[float, float]:
+        """Position along x and y [m]."""
+        return self.x_m, self.y_m
 
     @property
     def vx_mps(self) -> float:

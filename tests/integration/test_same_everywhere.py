@@ -13,7 +13,7 @@ import planview
 from planview.maps.view import View
 from planview.tracking.base import Observation
 from planview.tracking.ellipse_particle import EllipseParticleParams, EllipseParticleTracker
-from planview.tracking.ellipse_particle.fit import painted
+from planview.tracking.ellipse_particle.fit import paint
 from planview.tracking.ellipse_particle.tracker import EllipseSizeParams, ParticleFilterParams
 from planview.tracking.template import TemplateTracker
 from tests.human_model_world import BLUE, RED, run
@@ -34,7 +34,7 @@ def every_track() -> list[str]:
     ellipses = EllipseParticleTracker(EllipseParticleParams(size=size, filter=particles))
     for i in range(20):
         people = np.array([[20.0 + 2 * i, 60.0, 15.0, 5.0, 0.0], [140.0 - 2 * i, 66.0, 15.0, 5.0, 0.0]])
-        mask = painted(people, (120, 160)).any(axis=0) * np.uint8(255)
+        mask = paint(people, (120, 160)).any(axis=0) * np.uint8(255)
         lines += [f"ellipse {vars(track)}" for track in ellipses.update(Observation(i, i / 10, (View.of_mask(mask),)))]
     return lines
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from calib.types import F32, F64, U8, Bool
+from calib.types import F32, F64, I32, U8, Bool
 from planview.tracking.ellipse_particle.size import Size
 
 BACKGROUND_WEIGHT = 0.4
@@ -59,7 +59,7 @@ def fit_ellipses(mask: F32, size: Size) -> F64:
     # 3. The soft union of all ellipses is matched to the mask: who is hidden in part keeps a full size, so that a
     # merged region is explained by several.
     for ellipse in ellipses:
-        ellipse[2:] = bounded(ellipse, size)
+        ellipse[2:] = bound(ellipse, size)
     refine(mask, ellipses, size)
     # 4. The ellipse that adds least is dropped while that is too little: a split region keeps one.
     n_before = len(ellipses)
@@ -81,22 +81,42 @@ def cover(mask: F32, half: F64, aspect: float) -> F64:
     """
     n_rows, n_cols = mask.shape
     stride = max(1, round(0.4 * aspect * float(np.median(half))))
-    y, x = np.arange(0, n_rows, stride)[:, None], np.arange(0, n_cols, stride)
+    y = np.arange(0, n_rows, stride)[:, None]
+    x = np.arange(0, n_cols, stride)
     a = half[y]
     box_a = 0.5 * math.sqrt(math.pi) * a
-    top, bottom = (np.clip(np.rint(y + 0.5 + side * box_a), 0, n_rows).astype(np.int64) for side in (-1, 1))
-    left, right = (np.clip(np.rint(x + 0.5 + side * aspect * box_a), 0, n_cols).astype(np.int64) for side in (-1, 1))
+    box_b = aspect * box_a
+    top = nearest_edge(y + 0.5 - box_a, n_rows)
+    bottom = nearest_edge(y + 0.5 + box_a, n_rows)
+    left = nearest_edge(x + 0.5 - box_b, n_cols)
+    right = nearest_edge(x + 0.5 + box_b, n_cols)
     area = np.maximum((bottom - top) * (right - left), 0.5 * math.pi * aspect * a * a)
-    score, found = gain_of(mask), np.zeros((0, 5))
+    score = gain_of(mask)
+    ellipses = np.zeros((0, 5))
     while True:
         total = cv2.integral(score, sdepth=cv2.CV_64F)
         share = (total[bottom, right] - total[top, right] - total[bottom, left] + total[top, left]) / area
         i, j = divmod(int(np.argmax(share)), len(x))
         if share[i, j] < MIN_GAIN / 2:
-            break
-        found = np.vstack([found, [x[j], y[i, 0], a[i, 0], aspect * a[i, 0], 0.0]])
+            return ellipses
+        ellipses = np.vstack([ellipses, [x[j], y[i, 0], a[i, 0], aspect * a[i, 0], 0.0]])
         score[top[i, 0] : bottom[i, 0], left[i, j] : right[i, j]] = 0.0
-    return found
+
+
+def nearest_edge(at: F64 | F32, n: int) -> I32:
+    """Nearest edge of the n cells of an axis."""
+    return np.clip(np.rint(at), 0, n).astype(np.int32)
+
+
+class Sums(NamedTuple):
+    """Weighted sums over the cells that each of N ellipses accounts for."""
+
+    mass: F64
+    x: F64
+    y: F64
+    xx: F64
+    xy: F64
+    yy: F64
 
 
 def expect_and_maximise(mask: F32, ellipses: F64, half: F64, aspect: float, upright: bool) -> None:
@@ -105,31 +125,54 @@ def expect_and_maximise(mask: F32, ellipses: F64, half: F64, aspect: float, upri
     The prior of a covariance is that of the ellipse expected in a row, (R,), and weighs as much as one object.
     """
     rows, cols = np.nonzero(mask)
-    weight, x, y = mask[rows, cols].astype(np.float64), cols.astype(np.float64), rows.astype(np.float64)
+    weight = mask[rows, cols].astype(np.float64)
+    x = cols.astype(np.float64)
+    y = rows.astype(np.float64)
     powers = np.column_stack([np.ones(len(x)), x, y, x * x, x * y, y * y])
+    clutter = 0.02 / (math.pi * float(half.mean()) ** 2 * aspect)
     for _ in range(FIT_STEPS):
-        x, y, a, b, angle = ellipses.T
-        s, c = np.sin(angle), np.cos(angle)
-        qxx, qxy, qyy = (s / a) ** 2 + (c / b) ** 2, s * c * (a**-2 - b**-2), (c / a) ** 2 + (s / b) ** 2
-        constant = qxx * x * x + 2 * qxy * x * y + qyy * y * y
-        form = np.stack([constant, -2 * (qxx * x + qxy * y), -2 * (qxy * x + qyy * y), qxx, 2 * qxy, qyy])
-        density = 2.0 / (math.pi * a * b) * np.exp(-2.0 * (powers @ form))
-        clutter = 0.02 / (math.pi * float(half.mean()) ** 2 * aspect)
+        density = _densities(powers, ellipses)
         share = density * (weight / (density.sum(axis=1) + clutter))[:, None]
-        mass, sx, sy, sxx, sxy, syy = powers.T @ share
-        mass = np.maximum(mass, 1e-9)
-        ellipses[:, 0], ellipses[:, 1] = mx, my = sx / mass, sy / mass
-        a0 = half[np.clip(np.round(my), 0, len(half) - 1).astype(np.int64)]
-        b0 = a0 * aspect
-        prior = math.pi * a0 * b0
-        vxx = (4 * (sxx - mass * mx * mx) + prior * b0 * b0) / (mass + prior)
-        vyy = (4 * (syy - mass * my * my) + prior * a0 * a0) / (mass + prior)
-        vxy = 4 * (sxy - mass * mx * my) / (mass + prior)
-        mean, spread = (vxx + vyy) / 2, np.hypot((vyy - vxx) / 2, vxy)
-        lies = upright & (vyy < vxx)
-        ellipses[:, 2] = np.sqrt(np.maximum(np.where(lies, vyy, mean + spread), 0.25))
-        ellipses[:, 3] = np.sqrt(np.maximum(np.where(lies, vxx, mean - spread), 0.25))
-        ellipses[:, 4] = np.where(lies, 0.0, np.arctan2(2 * vxy, vyy - vxx) / 2)
+        _maximise(ellipses, Sums(*(powers.T @ share)), half, aspect, upright)
+
+
+def _densities(powers: F64, ellipses: F64) -> F64:
+    """(K, N) densities of N Gaussians at K cells, whose products of coordinates are (K, 6)."""
+    x, y, a, b, angle = ellipses.T
+    s = np.sin(angle)
+    c = np.cos(angle)
+    qxx = (s / a) ** 2 + (c / b) ** 2
+    qxy = s * c * (a**-2 - b**-2)
+    qyy = (c / a) ** 2 + (s / b) ** 2
+    constant = qxx * x * x + 2 * qxy * x * y + qyy * y * y
+    by_x = -2 * (qxx * x + qxy * y)
+    by_y = -2 * (qxy * x + qyy * y)
+    form = np.stack([constant, by_x, by_y, qxx, 2 * qxy, qyy])
+    peak = 2.0 / (math.pi * a * b)
+    return np.asarray(peak * np.exp(-2.0 * (powers @ form)))
+
+
+def _maximise(ellipses: F64, sums: Sums, half: F64, aspect: float, upright: bool) -> None:
+    """Move ellipses to the mean and the posterior covariance of their cells."""
+    mass = np.maximum(sums.mass, 1e-9)
+    x = sums.x / mass
+    y = sums.y / mass
+    a0 = half[np.clip(np.round(y), 0, len(half) - 1).astype(np.int64)]
+    b0 = a0 * aspect
+    prior = math.pi * a0 * b0
+    vxx = (4 * (sums.xx - mass * x * x) + prior * b0 * b0) / (mass + prior)
+    vyy = (4 * (sums.yy - mass * y * y) + prior * a0 * a0) / (mass + prior)
+    vxy = 4 * (sums.xy - mass * x * y) / (mass + prior)
+    mean = (vxx + vyy) / 2
+    spread = np.hypot((vyy - vxx) / 2, vxy)
+    lies = upright & (vyy < vxx)
+    along = np.where(lies, vyy, mean + spread)
+    across = np.where(lies, vxx, mean - spread)
+    ellipses[:, 0] = x
+    ellipses[:, 1] = y
+    ellipses[:, 2] = np.sqrt(np.maximum(along, 0.25))
+    ellipses[:, 3] = np.sqrt(np.maximum(across, 0.25))
+    ellipses[:, 4] = np.where(lies, 0.0, np.arctan2(2 * vxy, vyy - vxx) / 2)
 
 
 def refine(mask: F32, ellipses: F64, size: Size) -> None:
@@ -148,10 +191,11 @@ def refine(mask: F32, ellipses: F64, size: Size) -> None:
         others = np.delete(outside[:, *window], k, axis=0).prod(axis=0)
         cells = Surroundings(window, mask[window], weight[window], others)
         own = 1.0 - outside[k][window]
-        moved = stepped(ellipses[k], own, cells, size)
+        moved = step(ellipses[k], own, cells, size)
         own_moved = inside(moved, window)
         if cost(moved, own_moved, cells, size) <= cost(ellipses[k], own, cells, size):
-            ellipses[k], outside[k] = moved, 1.0
+            ellipses[k] = moved
+            outside[k] = 1.0
             outside[k][window] -= own_moved
 
 
@@ -174,17 +218,18 @@ def cost(ellipse: F64, own: F64, cells: Surroundings, size: Size) -> float:
     return float((cells.weight * cells.residual(own) ** 2).sum() + off @ off)
 
 
-def stepped(ellipse: F64, own: F64, cells: Surroundings, size: Size) -> F64:
+def step(ellipse: F64, own: F64, cells: Surroundings, size: Size) -> F64:
     """One step of Levenberg-Marquardt over x, y (at most 3 cells), ln a, ln b and the angle."""
     rows = (cells.others * slopes(ellipse, own, cells.window)).reshape(5, -1)
     gradient = rows @ (cells.weight * cells.residual(own)).ravel()
     curvature = (rows * cells.weight.ravel()) @ rows.T
     gradient[2:] -= deviations(ellipse, size) / size.spread**2
     curvature[2:, 2:] += np.diag(size.spread**-2)
-    step = np.linalg.solve(curvature + np.diag(0.01 * curvature.diagonal() + 1e-3), gradient)
-    moved = ellipse + np.clip(step, -3.0, 3.0)
-    moved[2:4] = ellipse[2:4] * np.exp(step[2:4])
-    moved[2:] = bounded(moved, size)
+    damping = np.diag(0.01 * curvature.diagonal() + 1e-3)
+    change = np.linalg.solve(curvature + damping, gradient)
+    moved = ellipse + np.clip(change, -3.0, 3.0)
+    moved[2:4] = ellipse[2:4] * np.exp(change[2:4])
+    moved[2:] = bound(moved, size)
     return np.asarray(moved)
 
 
@@ -194,7 +239,7 @@ def deviations(ellipse: F64, size: Size) -> F64:
     return np.array([math.log(ellipse[2] / half), math.log(ellipse[3] / (half * size.aspect)), ellipse[4]])
 
 
-def bounded(ellipse: F64, size: Size) -> F64:
+def bound(ellipse: F64, size: Size) -> F64:
     """(3,) half length, half width and angle within three deviations of what is expected."""
     limits = 3.0 * size.spread
     length, width, angle = np.clip(deviations(ellipse, size), -limits, limits)
@@ -204,11 +249,15 @@ def bounded(ellipse: F64, size: Size) -> F64:
 
 def slopes(ellipse: F64, own: F64, window: Window) -> F64:
     """(5, r, c) derivatives of ``inside``, which is ``own``, by x, y, ln a, ln b and the angle."""
-    (u, v), (_, _, a, b, angle) = along_and_across(ellipse, window), ellipse.tolist()
-    s, c = math.sin(angle), math.cos(angle)
+    u, v = along_and_across(ellipse, window)
+    _, _, a, b, angle = ellipse.tolist()
+    s = math.sin(angle)
+    c = math.cos(angle)
     steep = own * (1.0 - own) * b / SOFT_EDGE / np.maximum(np.hypot(u, v), 1e-6)
-    by = u * s / a + v * c / b, u * c / a - v * s / b, u * u, v * v, u * v * (a / b - b / a)
-    return np.asarray(steep * np.stack(by))
+    by_x = u * s / a + v * c / b
+    by_y = u * c / a - v * s / b
+    by_angle = u * v * (a / b - b / a)
+    return np.asarray(steep * np.stack([by_x, by_y, u * u, v * v, by_angle]))
 
 
 def own_gains(mask: F32, ellipses: F64) -> F64:
@@ -216,10 +265,11 @@ def own_gains(mask: F32, ellipses: F64) -> F64:
 
     Of an object that the border cuts only the part inside counts, or half of it all where less is inside.
     """
-    masks = painted(ellipses, mask.shape).reshape(len(ellipses), -1)
-    own = masks & (masks.sum(axis=0, dtype=np.uint8) == 1)
-    area = np.maximum(masks.sum(axis=1, dtype=np.int64), 0.5 * np.pi * ellipses[:, 2] * ellipses[:, 3])
-    return np.asarray(own.astype(np.float32) @ gain_of(mask).ravel() / area, dtype=np.float64)
+    masks = paint(ellipses, mask.shape).reshape(len(ellipses), -1)
+    alone = masks & (masks.sum(axis=0, dtype=np.uint8) == 1)
+    inside_area = masks.sum(axis=1, dtype=np.int64)
+    area = np.maximum(inside_area, 0.5 * np.pi * ellipses[:, 2] * ellipses[:, 3])
+    return np.asarray(alone.astype(np.float32) @ gain_of(mask).ravel() / area, dtype=np.float64)
 
 
 def gain_of(mask: F32) -> F32:
@@ -227,7 +277,7 @@ def gain_of(mask: F32) -> F32:
     return mask - np.float32(BACKGROUND_WEIGHT) * (1 - mask)
 
 
-def painted(ellipses: F64, shape: tuple[int, int]) -> U8:
+def paint(ellipses: F64, shape: tuple[int, int]) -> U8:
     """(N, R, C) uint8, 1 in the cells whose centres lie inside each of (N, 5) ellipses."""
     masks = np.zeros((len(ellipses), *shape), dtype=np.uint8)
     for mask, ellipse in zip(masks, ellipses, strict=True):
@@ -236,7 +286,7 @@ def painted(ellipses: F64, shape: tuple[int, int]) -> U8:
     return masks
 
 
-def uncovered(measured: U8, objects: U8, share: float) -> Bool:
+def find_uncovered(measured: U8, objects: U8, share: float) -> Bool:
     """(M,) measurements that have no object, of masks (M, R, C) and (N, R, C): objects cover less than a share of them,
     or leave as much next to them.
 
@@ -248,41 +298,54 @@ def uncovered(measured: U8, objects: U8, share: float) -> Bool:
 
     if not len(measured):
         return np.zeros(0, np.bool_)
-    flat, union = measured.reshape(len(measured), -1), objects.any(axis=0).ravel()
+    flat = measured.reshape(len(measured), -1)
+    union = objects.any(axis=0).ravel()
     areas = np.maximum(flat.sum(axis=1), 1)
-    out = np.asarray((flat & union).sum(axis=1) < share * areas)
+    uncovered = np.asarray((flat & union).sum(axis=1) < share * areas)
     if not 0 < len(objects) < len(measured):
-        return out
+        return uncovered
     covers = objects.reshape(len(objects), -1).astype(np.float32) @ flat.T.astype(np.float32)
-    spare = ~out
-    spare[linear_sum_assignment(covers, maximize=True)[1]] = False
+    spare = ~uncovered
+    _, given = linear_sum_assignment(covers, maximize=True)
+    spare[given] = False
     for m in np.flatnonzero(spare):
         near = (covers[covers[:, m] > 0] > 0).any(axis=0)
-        if np.count_nonzero(flat[near].any(axis=0) & ~union) >= (1 - share) * areas[m]:
-            out[m] = True
+        free = flat[near].any(axis=0) & ~union
+        if np.count_nonzero(free) >= (1 - share) * areas[m]:
+            uncovered[m] = True
             union = union | (flat[m] > 0)
-    return out
+    return uncovered
 
 
 def inside(ellipse: F64, window: Window) -> F64:
-    """How far cells are inside an ellipse: from 1 to 0 by a logistic edge ``SOFT_EDGE`` cells wide."""
+    """Cover of cells by an ellipse: from 1 to 0 by a logistic edge ``SOFT_EDGE`` cells wide."""
     from scipy.special import expit  # a quarter of a second
 
-    return np.asarray(expit((1.0 - np.hypot(*along_and_across(ellipse, window))) * ellipse[3] / SOFT_EDGE))
+    radius = np.hypot(*along_and_across(ellipse, window))
+    return np.asarray(expit((1.0 - radius) * ellipse[3] / SOFT_EDGE))
 
 
 def around(ellipse: F64, shape: tuple[int, int], margin: float = 0.0) -> Window:
     """Rows and columns of the grid that an ellipse, a margin wider [cells], reaches."""
     x, y, a, b, angle = ellipse.tolist()
-    s, c, grow = math.sin(angle), math.cos(angle), 1.0 + margin / b
-    ends = (y, grow * math.hypot(a * c, b * s), shape[0]), (x, grow * math.hypot(a * s, b * c), shape[1])
-    rows, cols = (slice(max(0, math.ceil(m - r)), max(0, min(n, math.floor(m + r) + 1))) for m, r, n in ends)
-    return rows, cols
+    s = math.sin(angle)
+    c = math.cos(angle)
+    grow = 1.0 + margin / b
+    rows = _cells_within(y, grow * math.hypot(a * c, b * s), shape[0])
+    return rows, _cells_within(x, grow * math.hypot(a * s, b * c), shape[1])
+
+
+def _cells_within(middle: float, reach: float, n: int) -> slice:
+    """Cells of an axis of n within reach."""
+    return slice(max(0, math.ceil(middle - reach)), max(0, min(n, math.floor(middle + reach) + 1)))
 
 
 def along_and_across(ellipse: F64, window: Window) -> tuple[F64, F64]:
-    """Where cells lie along an ellipse's axes, in its half length and half width."""
+    """Places of cells along an ellipse's axes, in its half length and half width."""
     x, y, a, b, angle = ellipse.tolist()
-    s, c = math.sin(angle), math.cos(angle)
-    dy, dx = np.arange(window[0].start, window[0].stop)[:, None] - y, np.arange(window[1].start, window[1].stop) - x
+    s = math.sin(angle)
+    c = math.cos(angle)
+    rows, cols = window
+    dy = np.arange(rows.start, rows.stop)[:, None] - y
+    dx = np.arange(cols.start, cols.stop) - x
     return (dx * s + dy * c) / a, (dx * c - dy * s) / b

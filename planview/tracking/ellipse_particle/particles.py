@@ -10,6 +10,7 @@ import numpy as np
 from calib.carried import Carried
 from calib.types import F64, I64, U8, Bool
 from planview.tracking import body
+from planview.tracking.ellipse_particle.fit import nearest_edge
 from planview.tracking.ellipse_particle.size import Size
 
 X, Y, VX, VY, LN_A, LN_B, ANGLE = range(7)
@@ -142,8 +143,8 @@ def overlap_areas(ellipses: F64, masks: Sequence[Bool]) -> F64:
     middle = x + t * ((a * a - b * b) * s * c / down)
     half = a * b / down * np.sqrt(1.0 - t * t)
     row = np.clip(np.rint(y + t * down), -1, n_rows).astype(np.int32) + 1
-    first = np.clip(np.rint(middle - half + 0.5), 0, n_cols).astype(np.int32)
-    last = np.clip(np.rint(middle + half + 0.5), 0, n_cols).astype(np.int32)
+    first = nearest_edge(middle - half + 0.5, n_cols)
+    last = nearest_edge(middle + half + 0.5, n_cols)
     # Left of each edge; nothing is covered beyond the border.
     sums = np.zeros((len(masks), n_rows + 2, n_cols + 1), np.int32)
     np.cumsum(masks, axis=2, out=sums[:, 1:-1, 1:])

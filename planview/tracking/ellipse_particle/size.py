@@ -10,9 +10,9 @@ import numpy as np
 
 from calib.carried import Carried
 from calib.ground_camera import GroundCamera
-from calib.types import F64, U8, Bool
+from calib.types import F64, I32, I64, U8, Bool
 from planview.tracking.body import HEIGHT_MEAN_M
-from planview.tracking.detections import overlaps
+from planview.tracking.matching import overlaps
 
 BREADTH_M = 0.55
 """Breadth of a person in an image, arms and stride included [m], whatever the angle: from shoulders to a stride."""
@@ -265,27 +265,42 @@ def log_density(ratio: F64, cut: Bool) -> F64:
 def find_regions(foreground: U8, motion: U8 | None, before: F64) -> tuple[F64, F64]:
     """Regions (N, 8) that move and continue one of the boxes (M, 4) before, and the boxes (K, 4) of all regions."""
     n_rows, n_cols = foreground.shape
-    # A belt that looks like the wall parts nobody: gaps of a fortieth of the image are closed.
-    closed = cv2.morphologyEx(foreground, cv2.MORPH_CLOSE, np.ones((max(1, n_rows // 40), 3), np.uint8))
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
-    order = 1 + np.argsort(-stats[1:, cv2.CC_STAT_AREA], kind="stable")[:12]
-    order = order[stats[order, cv2.CC_STAT_AREA] >= 24]
-    boxes = stats[order, :4].astype(np.float64)
+    labels, numbers, boxes = _large_components(foreground)
     if not len(boxes) or not len(before):
         return np.zeros((0, CUT + 1)), boxes
-    alike = np.abs(np.log(boxes[:, None, 3] / before[None, :, 3])) < np.log(1.25)
-    stays = ((overlaps(boxes, before) > 0.3) & alike).any(axis=1)
     rows = []
-    for label, box in zip(order[stays], boxes[stays], strict=True):
-        left, top, width, height = box.astype(np.int64).tolist()
+    for number, box in zip(numbers, boxes, strict=True):
+        left, top, width, height = map(int, box)
         window = slice(top, top + height), slice(left, left + width)
-        own = ((labels[window] == label) & (foreground[window] > 0)).astype(np.uint8)
-        moves = motion is None or np.count_nonzero(own & motion[window]) >= 0.05 * np.count_nonzero(own)
-        pole = np.count_nonzero(own) < max(24, 0.12 * height**2)
-        if moves and not pole and width < n_cols:  # as wide as the image is a change of light
+        own = ((labels[window] == number) & (foreground[window] > 0)).astype(np.uint8)
+        area = np.count_nonzero(own)
+        moves = motion is None or np.count_nonzero(own & motion[window]) >= 0.05 * area
+        pole = area < max(24, 0.12 * height**2)
+        change_of_light = width >= n_cols
+        if moves and not pole and not change_of_light and _continues(box, before):
             cut = left <= 0 or top <= 0 or left + width >= n_cols or top + height >= n_rows
             rows.append((top + height, height, width, *_shape_of(own), float(cut)))
     return np.array(rows, dtype=np.float64).reshape(-1, CUT + 1), boxes
+
+
+def _large_components(foreground: U8) -> tuple[I32, I64, F64]:
+    """Labels (H, W) of connected regions, numbers of the largest ones, and their (K, 4) boxes left, top, width,
+    height."""
+    # A belt that looks like the wall parts nobody: gaps of a fortieth of the image are closed.
+    gap = max(1, len(foreground) // 40)
+    closed = cv2.morphologyEx(foreground, cv2.MORPH_CLOSE, np.ones((gap, 3), np.uint8))
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    numbers = 1 + np.argsort(-areas, kind="stable")[:12]
+    numbers = numbers[stats[numbers, cv2.CC_STAT_AREA] >= 24]
+    return np.asarray(labels, np.int32), numbers, stats[numbers, :4].astype(np.float64)
+
+
+def _continues(box: F64, before: F64) -> bool:
+    """True if one of the boxes before was at the same place and of the same height."""
+    alike = np.abs(np.log(box[3] / before[:, 3])) < np.log(1.25)
+    same_place = overlaps(box[None], before)[0] > 0.3
+    return bool((same_place & alike).any())
 
 
 def _shape_of(mask: U8) -> tuple[float, float, float, float]:

@@ -16,8 +16,9 @@ from calib.params import Params
 from calib.types import F32, F64, U8, Bool
 from planview.foreground.params import WALKER
 from planview.maps.view import SHADED, View
+from planview.tracking import odds
 from planview.tracking.base import Decision, Drawing, Existence, LifeCycle, Needs, Observation, TrackerDebug
-from planview.tracking.ellipse_particle.fit import BACKGROUND_WEIGHT, fit_ellipses, painted, uncovered
+from planview.tracking.ellipse_particle.fit import BACKGROUND_WEIGHT, find_uncovered, fit_ellipses, paint
 from planview.tracking.ellipse_particle.particles import VX, VY, ParticleFilter, Y, ellipses_of
 from planview.tracking.ellipse_particle.size import ASPECT, BREADTH_M, Size, SizeLearner, height_of, size_of_camera
 from planview.trajectories.state import TrackState
@@ -41,7 +42,7 @@ GAMMA_SHAPE = 4.0
 
 
 class EllipseSizeParams(Params):
-    """How large people are in the image."""
+    """Size of people in the image."""
 
     person_height_px: float | None = Field(None, ge=4, le=20_000)
     """Height of a person in the image [px], the same in all rows; None learns it, row by row."""
@@ -88,11 +89,11 @@ class EllipseParticleParams(Params):
 
 
 @dataclass
-class Tracked:
+class TrackedEllipse:
     """The existence of one object (section V).
 
     Attributes:
-        who: its id and state.
+        existence: its id and state.
         log_odds: of being an object rather than a false alarm, while not confirmed.
         measured: measurements cover its ellipse in this frame.
         own: enough of that is in no older object; else it shares it (occlusion).
@@ -100,11 +101,18 @@ class Tracked:
             two ellipses on one person take turns at having some.
     """
 
-    who: Existence
+    existence: Existence
     log_odds: float
     measured: bool = True
     own: bool = True
     waited_s: float = 0.0
+
+    def wait(self, dt_s: float) -> None:
+        """Let time pass in which it was measured, shared its measurement, or was not measured."""
+        if self.own:
+            self.waited_s = max(0.0, self.waited_s - 2 * dt_s)
+        else:
+            self.waited_s += dt_s / 2 if self.measured else dt_s
 
 
 class EllipseParticleTracker(Carried):
@@ -122,18 +130,21 @@ class EllipseParticleTracker(Carried):
         "_life", "_filter", "_objects", "_states", "_learner", "_size_px", "_studied", "_image_size", "_shape",
         "_mask", "_measured",
     )  # fmt: skip
-    RECORDS = Tracked, Existence, Size
+    RECORDS = TrackedEllipse, Existence, Size
 
     def __init__(
         self, params: EllipseParticleParams | None = None, camera: GroundCamera | None = None, seed: int = 0
     ) -> None:
-        self._params, self._camera, self._seed = params or EllipseParticleParams(), camera, seed
-        height_px = self._params.size.person_height_px
-        given = size_of_camera(camera) if camera is not None else None
-        if height_px is not None:
-            given = Size(height_px / 2, 0.0, 1.0, ASPECT)
-        self._given = given is not None
-        self._studied: tuple[Size, float] | None = None if given is None else (given, 1.0)
+        self._params = params or EllipseParticleParams()
+        self._camera = camera
+        self._seed = seed
+        size = None
+        if self._params.size.person_height_px is not None:
+            size = Size(self._params.size.person_height_px / 2, 0.0, 1.0, ASPECT)
+        elif camera is not None:
+            size = size_of_camera(camera)
+        self._size_is_given = size is not None
+        self._studied: tuple[Size, float] | None = None if size is None else (size, 1.0)
         self.reset()
 
     def reset(self) -> None:
@@ -141,11 +152,12 @@ class EllipseParticleTracker(Carried):
         p = self._params.filter
         self._life = LifeCycle()
         self._filter = ParticleFilter(p.particles, p.speed_mps, np.random.default_rng(self._seed))
-        self._objects: list[Tracked] = []
+        self._objects: list[TrackedEllipse] = []
         self._states: F64 = np.zeros((0, 7))
         self._learner = SizeLearner()
         self._size_px = self._studied
-        self._image_size, self._shape = (0, 0), (0, 0)
+        self._image_size = (0, 0)
+        self._shape = (0, 0)
         self._mask: F32 | None = None
         self._measured: F64 = np.zeros((0, 5))
 
@@ -157,13 +169,14 @@ class EllipseParticleTracker(Carried):
     @property
     def notes(self) -> tuple[str, ...]:
         """The size of people that was learned, in a sentence."""
-        if self._given or self._size_px is None or self._image_size == (0, 0):
+        if self._size_is_given or self._size_px is None or self._image_size == (0, 0):
             return ()
         size, share = self._size_px
         length_px = 2.0 * float(size.half_lengths(np.array(self._image_size[0] / 2)))
+        along = "high" if size.upright else "long"
         alike = "" if share >= 0.5 else f", though only {share:.0%} of it has that size"
         return (
-            f"assumed size of people: {length_px:.0f} px {'high' if size.upright else 'long'} in the middle of the "
+            f"assumed size of people: {length_px:.0f} px {along} in the middle of the "
             f"image, the size of whatever moves here{alike}: other things of that size count as people (parameter "
             "ellipse_particle.size.person_height_px sets another)",
         )
@@ -174,7 +187,7 @@ class EllipseParticleTracker(Carried):
         The result then does not depend on which person comes first.
         """
         self.reset()
-        if self._given:
+        if self._size_is_given:
             return
         for observation in observations:
             if observation.timestamp_s > LEARN_S:
@@ -190,45 +203,49 @@ class EllipseParticleTracker(Carried):
             one state per object, tentative ones included; x, y, velocity and height are NaN without a camera.
         """
         dt_s = self._life.begin(observation.timestamp_s)
+        if observation.unknown:
+            return self._pause(dt_s)
         view = observation.views[0]
-        foreground = None if observation.unknown else self._foreground(view)
+        foreground = self._foreground(view)
         if foreground is None:
-            return self._predicted(dt_s) if observation.unknown else ()
+            return ()
         if self._learner.is_due:
             self._learn()
         if self._size_px is None:
             return ()
         if self._shape == (0, 0):
-            self._shape = self._grid(self._size_px[0], foreground)
+            self._shape = self._choose_grid(self._size_px[0], foreground)
         size = self._size_px[0].on(self._scale)
-        self._mask = np.asarray(_averaged(foreground, self._shape), dtype=np.float32) / np.float32(255)
+        self._mask = np.asarray(_shrink(foreground, self._shape), dtype=np.float32) / np.float32(255)
         flooded = float(self._mask.mean()) > FLOODED
-        moving = None if view.motion is None else _averaged(view.motion, self._shape) > 0
+        moving = None if view.motion is None else _shrink(view.motion, self._shape) > 0
 
         self._predict(dt_s, size)
         self._measured = np.zeros((0, 5)) if flooded else fit_ellipses(self._mask, size)
-        measured = painted(self._measured, self._shape)
+        measured = paint(self._measured, self._shape)
         self._weigh(np.asarray(measured.any(axis=0), dtype=np.uint8), size)
         self._observe(measured, moving, dt_s, size)
         self._enter(measured, size)
         self._leave(size)
-        return self._reported()
+        return self._report()
 
-    def _predicted(self, dt_s: float) -> tuple[TrackState, ...]:
+    def _pause(self, dt_s: float) -> tuple[TrackState, ...]:
         """Everybody where they were heading, in a frame that shows nothing."""
         if self._size_px is not None and self._objects:
             self._predict(dt_s, self._size_px[0].on(self._scale))
-        for t in self._objects:
-            self._life.pause(t.who, dt_s)
-        return self._reported()
+        for tracked in self._objects:
+            self._life.pause(tracked.existence, dt_s)
+        return self._report()
 
     def _predict(self, dt_s: float, size: Size) -> None:
         self._filter.predict(dt_s, size, size.cells_per_m(self._states[:, Y]))
         self._states = np.asarray(self._filter.particles.mean(axis=0))
 
-    def _reported(self) -> tuple[TrackState, ...]:
-        found = zip(self._objects, self._ellipses(), self._states, strict=True)
-        return tuple(self._state(t.who, ellipse, state) for t, ellipse, state in found)
+    def _report(self) -> tuple[TrackState, ...]:
+        states = []
+        for tracked, ellipse, state in zip(self._objects, self._ellipses(), self._states, strict=True):
+            states.append(self._state(tracked.existence, ellipse, state))
+        return tuple(states)
 
     def _ellipses(self) -> F64:
         """(N, 5) of all objects [cells]."""
@@ -243,103 +260,139 @@ class EllipseParticleTracker(Carried):
         would slip onto their measurements, where it costs no area outside.
         """
         ellipses = ellipses_of(self._states, size)
-        inside = painted(ellipses, union.shape)
-        active = [n for n, t in enumerate(self._objects) if t.measured and t.own]
+        inside = paint(ellipses, union.shape)
+        active = [n for n, tracked in enumerate(self._objects) if tracked.measured and tracked.own]
         for n in active:
-            others = np.asarray(inside[[k for k in active if k != n]].any(axis=0), dtype=np.uint8)
+            rest = [k for k in active if k != n]
+            others = np.asarray(inside[rest].any(axis=0), dtype=np.uint8)
             area = math.pi * ellipses[n, 2] * ellipses[n, 3]
-            self._states[n] = self._filter.weigh(n, union, others, size, area)
-            inside[n] = painted(ellipses_of(self._states[n : n + 1], size), union.shape)[0]
+            state = self._filter.weigh(n, union, others, size, area)
+            self._states[n] = state
+            inside[n] = paint(ellipses_of(state[None], size), union.shape)[0]
 
     def _observe(self, measured: U8, moving: Bool | None, dt_s: float, size: Size) -> None:
-        """Which objects are measured in this frame, and the evidence on their existence.
+        """Find the objects that are measured in this frame, and add the evidence on their existence."""
+        union = measured.any(axis=0)
+        ellipses = ellipses_of(self._states, size)
+        masks = paint(ellipses, union.shape) > 0
+        older = np.zeros(union.shape, np.bool_)
+        for tracked, ellipse, inside in zip(self._objects, ellipses, masks, strict=True):
+            area = max(float(inside.sum()), MIN_OVERLAP * math.pi * ellipse[2] * ellipse[3])
+            covered = float((inside & union).sum()) / area
+            own = float((inside & union & ~older).sum()) / area
+            older |= inside
+            tracked.measured = covered >= MIN_OVERLAP
+            tracked.own = own >= MIN_OVERLAP
+            tracked.wait(dt_s)
+            still = moving is not None and float((inside & moving).sum()) < self._params.existence.moving * area
+            if not tracked.existence.confirmed and not (tracked.own and still):
+                self._count_evidence(tracked, own)
+            self._note_measurement(tracked, covered)
+
+    def _count_evidence(self, tracked: TrackedEllipse, own: float) -> None:
+        """Add the evidence of a frame in which a new object's ellipse has a share of measured area of its ``own``.
 
         The number k of n frames in which a new object is measured is binomial, B(n, detection) for an object and
         B(n, repetition) for a false alarm; their ratio updates the odds.
         """
-        p, union = self._params.existence, measured.any(axis=0)
-        ellipses = ellipses_of(self._states, size)
-        older = np.zeros(union.shape, np.bool_)
-        for t, ellipse, inside in zip(self._objects, ellipses, painted(ellipses, union.shape) > 0, strict=True):
-            area = max(float(inside.sum()), MIN_OVERLAP * math.pi * ellipse[2] * ellipse[3])
-            covered, own = float((inside & union).sum()) / area, float((inside & union & ~older).sum()) / area
-            older |= inside
-            t.measured, t.own = covered >= MIN_OVERLAP, own >= MIN_OVERLAP
-            if t.own:
-                t.waited_s = max(0.0, t.waited_s - 2 * dt_s)
-            else:
-                t.waited_s += dt_s / 2 if t.measured else dt_s
-            still = moving is not None and float((inside & moving).sum()) < p.moving * area
-            if not t.who.confirmed and not (t.own and still):
-                hit, miss = p.detection / p.repetition, (1 - p.detection) / (1 - p.repetition)
-                t.log_odds += own * math.log(hit) + (1 - own) * math.log(miss)
-                if t.own and t.log_odds >= math.log(p.probability / (1 - p.probability)):
-                    self._life.confirm(t.who, f"log odds {t.log_odds:.2f}", t.log_odds)
-            if t.own and t.waited_s == 0.0:
-                again = f"measurements cover {covered:.2f} of it where it was predicted"
-                self._life.observe(t.who, again if t.who.lost else "", covered)
-            else:
-                few = f"measurements cover {covered:.2f} < {MIN_OVERLAP:.2f} of it"
-                self._life.miss(t.who, "older objects have what is measured of it" if t.measured else few, covered)
+        p = self._params.existence
+        hit = p.detection / p.repetition
+        miss = (1 - p.detection) / (1 - p.repetition)
+        tracked.log_odds += own * math.log(hit) + (1 - own) * math.log(miss)
+        if tracked.own and tracked.log_odds >= odds.log_odds(p.probability):
+            self._life.confirm(tracked.existence, f"log odds {tracked.log_odds:.2f}", tracked.log_odds)
+
+    def _note_measurement(self, tracked: TrackedEllipse, covered: float) -> None:
+        """Write down that an object is observed, or missed."""
+        if tracked.own and tracked.waited_s == 0.0:
+            reason = f"measurements cover {covered:.2f} of it where it was predicted"
+            self._life.observe(tracked.existence, reason if tracked.existence.lost else "", covered)
+            return
+        reason = f"measurements cover {covered:.2f} < {MIN_OVERLAP:.2f} of it"
+        if tracked.measured:
+            reason = "older objects have what is measured of it"
+        self._life.miss(tracked.existence, reason, covered)
 
     def _enter(self, measured: U8, size: Size) -> None:
-        """Measurements that overlap no object are objects that come back, or new ones.
+        """Take measurements that overlap no object for objects that come back, or new ones.
 
         Each new one is an object with the same probability, so their number is binomial.
         """
-        p = self._params.existence
-        known = np.array([t.measured for t in self._objects], np.bool_)
-        left = uncovered(measured, painted(ellipses_of(self._states, size)[known], measured.shape[1:]), MIN_OVERLAP)
-        if left.any() and len(self._objects):
-            per_m = size.cells_per_m(self._measured[:, 1])
-            away = np.hypot(*(self._measured[None, :, :2] - self._states[:, None, : Y + 1]).transpose(2, 0, 1)) / per_m
-            spread = np.hypot(*self._filter.particles[..., : Y + 1].std(axis=0).T)[:, None] / per_m
-            near = away <= np.minimum(FOUND_AGAIN_M, BREADTH_M + 3.0 * spread)
-            for n, m in sorted(np.argwhere(near).tolist(), key=lambda pair: float(away[tuple(pair)])):
-                t = self._objects[n]
-                if left[m] and not (t.measured and t.own):
-                    left[m] = False
-                    self._filter.find_again(n, self._measured[m], size, self._states[n, VX : VY + 1])
-                    self._states[n] = self._filter.particles[:, n].mean(axis=0)
-                    reason = f"measured {away[n, m]:.2f} m from its prediction after {t.waited_s:.1f} s"
-                    t.measured, t.own, t.waited_s = True, True, 0.0
-                    self._life.observe(t.who, reason, float(away[n, m]))
+        observed = np.array([tracked.measured for tracked in self._objects], np.bool_)
+        objects = paint(ellipses_of(self._states, size)[observed], measured.shape[1:])
+        left = find_uncovered(measured, objects, MIN_OVERLAP)
+        if left.any() and self._objects:
+            self._find_again(left, size)
         for m in np.flatnonzero(left).tolist():
             self._filter.add(self._measured[m], size)
             x, y = self._px(self._measured[m, :2])
-            who = self._life.spawn(f"a measurement at ({x:.0f}, {y:.0f}) px overlaps no object")
-            self._objects.append(Tracked(who, -math.log(p.false_alarms)))
-            self._states = np.concatenate([self._states, self._filter.particles[:, -1].mean(axis=0)[None]])
+            existence = self._life.spawn(f"a measurement at ({x:.0f}, {y:.0f}) px overlaps no object")
+            log_odds = -math.log(self._params.existence.false_alarms)
+            self._objects.append(TrackedEllipse(existence, log_odds))
+            state = self._filter.particles[:, -1].mean(axis=0)
+            self._states = np.vstack([self._states, state])
+
+    def _find_again(self, left: Bool, size: Size) -> None:
+        """Continue objects at the nearest measurements that are ``left``, which are then no longer."""
+        per_m = size.cells_per_m(self._measured[:, 1])
+        steps = self._measured[None, :, :2] - self._states[:, None, : Y + 1]
+        away = np.hypot(steps[..., 0], steps[..., 1]) / per_m
+        deviation = self._filter.particles[..., : Y + 1].std(axis=0)
+        spread = np.hypot(deviation[:, 0], deviation[:, 1])[:, None] / per_m
+        near = np.argwhere(away <= np.minimum(FOUND_AGAIN_M, BREADTH_M + 3.0 * spread))
+        for n, m in sorted(near.tolist(), key=lambda pair: float(away[tuple(pair)])):
+            tracked = self._objects[n]
+            if not left[m] or (tracked.measured and tracked.own):
+                continue
+            left[m] = False
+            self._filter.find_again(n, self._measured[m], size, self._states[n, VX : VY + 1])
+            self._states[n] = self._filter.particles[:, n].mean(axis=0)
+            reason = f"measured {away[n, m]:.2f} m from its prediction after {tracked.waited_s:.1f} s"
+            tracked.measured = True
+            tracked.own = True
+            tracked.waited_s = 0.0
+            self._life.observe(tracked.existence, reason, float(away[n, m]))
 
     def _leave(self, size: Size) -> None:
-        """Objects that have left: a Gamma distribution of the time without measurement, or their odds as tentative."""
+        """End objects that have left: a Gamma distribution of the time without measurement, or their odds as
+        tentative."""
+        ellipses = ellipses_of(self._states, size)
+        cells = paint(ellipses, self._shape).sum(axis=(1, 2), dtype=np.int64)
+        inside = cells / (math.pi * ellipses[:, 2] * ellipses[:, 3])
+        kept = []
+        for n, tracked in enumerate(self._objects):
+            gone = self._gone(tracked)
+            if inside[n] < MIN_OVERLAP:
+                self._life.prune(tracked.existence, "it has left the view")
+            elif gone > self._params.existence.probability:
+                reason = f"unmeasured for {tracked.waited_s:.1f} s, left with probability {gone:.2f}"
+                self._life.prune(tracked.existence, reason, gone)
+            else:
+                kept.append(n)
+        if len(kept) < len(self._objects):
+            index = np.array(kept, dtype=np.int64)
+            self._filter.keep(index)
+            self._states = self._states[index]
+            self._objects = [self._objects[n] for n in kept]
+
+    def _gone(self, tracked: TrackedEllipse) -> float:
+        """Probability that an object has left, or has never been one."""
         from scipy.special import gammainc  # a quarter of a second
 
-        p, ellipses = self._params.existence, ellipses_of(self._states, size)
-        keep, areas = [], math.pi * ellipses[:, 2] * ellipses[:, 3]
-        inside = painted(ellipses, self._shape).sum(axis=(1, 2), dtype=np.int64) / areas
-        for n, t in enumerate(self._objects):
-            gone = float(gammainc(GAMMA_SHAPE, GAMMA_SHAPE * t.waited_s / p.patience_s))
-            if not t.who.confirmed:
-                gone = 1.0 / (1.0 + math.exp(min(t.log_odds, 500.0))) if t.waited_s > 0 else 0.0
-            if inside[n] < MIN_OVERLAP:
-                self._life.prune(t.who, "it has left the view")
-            elif gone > p.probability:
-                self._life.prune(t.who, f"unmeasured for {t.waited_s:.1f} s, left with probability {gone:.2f}", gone)
-            else:
-                keep.append(n)
-        if len(keep) < len(self._objects):
-            index = np.array(keep, dtype=np.int64)
-            self._filter.keep(index)
-            self._states, self._objects = self._states[index], [self._objects[n] for n in keep]
+        if tracked.existence.confirmed:
+            patience_s = self._params.existence.patience_s
+            return float(gammainc(GAMMA_SHAPE, GAMMA_SHAPE * tracked.waited_s / patience_s))
+        if tracked.waited_s <= 0:
+            return 0.0
+        return odds.probability(-min(tracked.log_odds, 500.0))
 
     def feedback(self) -> U8 | None:
         """(H, W) uint8, WALKER in the outlines of confirmed people who are measured; None before the first image."""
         if self._image_size == (0, 0):
             return None
         mask = np.zeros(self._image_size, dtype=np.uint8)
-        for t, ellipse in zip(self._objects, self._ellipses(), strict=True):
-            if t.who.confirmed and t.measured:
+        for tracked, ellipse in zip(self._objects, self._ellipses(), strict=True):
+            if tracked.existence.confirmed and tracked.measured:
                 cv2.fillPoly(mask, [np.round(self._outline(ellipse)).astype(np.int32)], WALKER)
         return mask
 
@@ -347,32 +400,32 @@ class EllipseParticleTracker(Carried):
         """Measured ellipses, objects' ellipses with ids, a sample of the particles, the foreground grid as a tile."""
         if self._mask is None:
             return TrackerDebug()
-        ids = tuple(str(t.who.track_id) for t in self._objects)
-        shown = self._filter.particles[:: max(1, len(self._filter.particles) // 60), :, : Y + 1].reshape(-1, 2)
-        measured, objects = (tuple(map(self._outline, of)) for of in (self._measured, self._ellipses()))
+        ids = tuple(str(tracked.existence.track_id) for tracked in self._objects)
+        every = max(1, len(self._filter.particles) // 60)
+        particles = self._px(self._filter.particles[::every, :, : Y + 1].reshape(-1, 2)).astype(np.float32)
         drawings = (
-            Drawing("measurements", "image", measured),
-            Drawing("objects", "image", objects, ids),
-            Drawing("particles", "image", tuple(p[None] for p in self._px(shown).astype(np.float32))),
+            Drawing("measurements", "image", tuple(map(self._outline, self._measured))),
+            Drawing("objects", "image", tuple(map(self._outline, self._ellipses())), ids),
+            Drawing("particles", "image", tuple(particle[None] for particle in particles)),
         )
         return TrackerDebug(drawings, {"foreground": self._mask})
 
     def _foreground(self, view: View) -> U8 | None:
         """(h, w) uint8 foreground of a frame; what looks like a shadow speaks neither for nor against a person."""
-        given = view.foreground
-        if given is None:
+        foreground = view.foreground
+        if foreground is None:
             return None
-        if given.ndim != 2 or given.dtype != np.uint8:
-            raise ValueError(f"expected a (H, W) uint8 foreground, got {given.shape} {given.dtype}")
-        height, width = given.shape if view.image is None else view.image.shape[:2]
+        if foreground.ndim != 2 or foreground.dtype != np.uint8:
+            raise ValueError(f"expected a (H, W) uint8 foreground, got {foreground.shape} {foreground.dtype}")
+        height, width = foreground.shape if view.image is None else view.image.shape[:2]
         self._image_size = height, width
-        if self._studied is None and given.mean() < 255 * FLOODED:
-            self._learner.add(given, view.motion)
+        if self._studied is None and foreground.mean() < 255 * FLOODED:
+            self._learner.add(foreground, view.motion)
         unsure = np.uint8(round(255 * BACKGROUND_WEIGHT / (1 + BACKGROUND_WEIGHT)))
-        return np.where(view.kind == SHADED, unsure, given)
+        return np.where(view.kind == SHADED, unsure, foreground)
 
     def _learn(self) -> None:
-        """The size by all frames so far."""
+        """Learn the size from all frames so far."""
         self._size_px = self._learner.size(self._image_size[1]) or self._size_px
 
     @property
@@ -380,7 +433,7 @@ class EllipseParticleTracker(Carried):
         """Pixels per cell, once there has been a frame."""
         return self._image_size[1] / self._shape[1]
 
-    def _grid(self, size: Size, foreground: U8) -> tuple[int, int]:
+    def _choose_grid(self, size: Size, foreground: U8) -> tuple[int, int]:
         """Rows and columns of the grid on which a person in the middle row has the required length in cells."""
         height, width = self._image_size
         cell_px = 2.0 * float(size.half_lengths(np.array(height / 2))) / PERSON_CELLS
@@ -395,25 +448,42 @@ class EllipseParticleTracker(Carried):
         """(33, 2) float32 closed outline [px]."""
         x, y, a, b, angle = ellipse
         turn = np.linspace(0, 2 * math.pi, 33)
-        u, v, s, c = a * np.cos(turn), b * np.sin(turn), math.sin(angle), math.cos(angle)
+        u = a * np.cos(turn)
+        v = b * np.sin(turn)
+        s = math.sin(angle)
+        c = math.cos(angle)
         return self._px(np.column_stack([x + u * s + v * c, y + u * c - v * s])).astype(np.float32)
 
-    def _state(self, who: Existence, ellipse: F64, state: F64) -> TrackState:
-        """Box around the whole ellipse, parts hidden and outside the image included; with a camera also a place."""
+    def _state(self, existence: Existence, ellipse: F64, state: F64) -> TrackState:
+        """Report an object: a box around the whole ellipse, parts hidden and outside the image included; with a camera
+        also a place."""
         _, _, a, b, angle = ellipse
-        s, c = math.sin(angle), math.cos(angle)
-        half_width, half_height = self._scale * math.hypot(a * s, b * c), self._scale * math.hypot(a * c, b * s)
+        s = math.sin(angle)
+        c = math.cos(angle)
+        half_width = self._scale * math.hypot(a * s, b * c)
+        half_height = self._scale * math.hypot(a * c, b * s)
         x, y = self._px(ellipse[:2])
-        box = float(x - half_width), float(y - half_height), 2 * half_width, 2 * half_height
+        top = float(y - half_height)
+        box = float(x - half_width), top, 2 * half_width, 2 * half_height
         if self._camera is None:
-            return TrackState(who.track_id, who.state, box_px=box)
+            return TrackState(existence.track_id, existence.state, box_px=box)
         foot = np.array([x, y + half_height])
         here = self._camera.back_project(foot)
-        vx, vy = self._camera.back_project(foot + state[VX : VY + 1] * self._scale) - here
-        height = height_of(self._camera, here, float(y - half_height))
-        return TrackState(who.track_id, who.state, float(here[0]), float(here[1]), float(vx), float(vy), height, box)
+        ahead = self._camera.back_project(foot + state[VX : VY + 1] * self._scale)
+        x_m, y_m = here.tolist()
+        vx_mps, vy_mps = (ahead - here).tolist()
+        return TrackState(
+            track_id=existence.track_id,
+            state=existence.state,
+            x_m=x_m,
+            y_m=y_m,
+            vx_mps=vx_mps,
+            vy_mps=vy_mps,
+            height_m=height_of(self._camera, here, top),
+            box_px=box,
+        )
 
 
-def _averaged(image: U8, shape: tuple[int, int]) -> U8:
+def _shrink(image: U8, shape: tuple[int, int]) -> U8:
     """(R, C) uint8 means of an image (h, w) over cells."""
     return np.asarray(cv2.resize(image, shape[::-1], interpolation=cv2.INTER_AREA), dtype=np.uint8)

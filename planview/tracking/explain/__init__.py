@@ -1,1 +1,1 @@
-"""How well people at some places explain every pixel, and following them by it; for trackers to build on."""
+"""Likelihood of every pixel given people at some places, and following them by it; for trackers to build on."""

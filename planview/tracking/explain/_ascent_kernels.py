@@ -10,7 +10,17 @@ from calib.kernels import kernel
 from calib.types import F64, Bool
 from planview.tracking.body import APART_M, FACINGS_PER_RAD, HEIGHT_MAX_M, HEIGHT_MIN_M, LEAN_M, LEAN_STD_M
 from planview.tracking.explain._likelihood_kernels import lay_others, log_ratio, visible_patches
-from planview.tracking.explain.samples import CX, CY, CZ, TINY, Appearance, Others, Search, samples_of_person
+from planview.tracking.explain.samples import (
+    CX,
+    CY,
+    CZ,
+    TINY,
+    Appearance,
+    Others,
+    Search,
+    pose_tuple,
+    samples_of_person,
+)
 
 MAX_TURNS = 3
 """Most rounds of the ascent with one step."""
@@ -127,7 +137,7 @@ def _choose_start(pose: F64, axes, task):  # type: ignore[no-untyped-def]
     front and back look the same."""
     search, person, _, _, table, model = task
     m = model[0]
-    at = pose[0], pose[1], pose[2], pose[3], pose[4]
+    at = pose_tuple(pose)
     value, ratio = _posterior(at, task)
     best = at, value, ratio
     for posture in range(2 if m.masks > 0.0 else 1):
@@ -230,17 +240,16 @@ def ascend(pose: F64, curvature: F64, search, person, others, samples, table, mo
 
 
 @kernel
-def explain(people, priors, order, shared: Bool, samples, table, model, fits) -> None:  # type: ignore[no-untyped-def]
+def explain(people, searches, order, shared: Bool, samples, table, model, fits) -> None:  # type: ignore[no-untyped-def]
     """Coordinate ascent of everybody, in an order, in two sweeps of which the second is of those who share rays; the
     third only looks.
 
     Moves the poses; fills ``fits`` (``Fits``), each with all others where they are at the end.
 
     Args:
-        priors: (N, 5) predicted poses, (N,) of POSE_PRIOR, (K,) steps, and the first of these that each takes.
+        searches: of everybody (``Searches``).
         shared: (N, N) who may be on a ray of whom.
     """
-    predicted, known, steps, first_step = priors
     for sweep in range(3):
         for a in order:
             neighbours = np.flatnonzero(shared[a])
@@ -251,10 +260,11 @@ def explain(people, priors, order, shared: Bool, samples, table, model, fits) ->
             others = Others(people, neighbours)
             pose = people.poses[a]
             if sweep == 0 or (sweep == 1 and len(neighbours)):
-                search = Search(predicted[a], known[a : a + 1], steps[max(sweep, first_step[a]) :])
+                steps = searches.steps[max(sweep, searches.first_step[a]) :]
+                search = Search(searches.predicted[a], searches.priors[a : a + 1], steps)
                 fits.evidence[a] = ascend(pose, fits.curvature[a], search, person, others, own, table, model)
             if sweep == 2:
-                at = pose[0], pose[1], pose[2], pose[3], pose[4]
+                at = pose_tuple(pose)
                 fits.evidence[a] = log_ratio(at, person.stature_m, person.ratios, own, table, model)
                 fits.evidence[a] += log_prior(at, person, others, model)
                 any_clothes = np.ones_like(person.ratios)

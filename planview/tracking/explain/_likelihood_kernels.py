@@ -38,6 +38,7 @@ from planview.tracking.explain.samples import (
     TORSO_TO,
     UP,
     WHO,
+    pose_tuple,
 )
 
 TORSO_HEIGHT_M = TORSO.height_m
@@ -96,8 +97,7 @@ def _find_covered(x: float, y: float, h: float, samples, table) -> int:  # type:
 
 @njit(inline="always")
 def _surface(i, pose, samples, table):  # type: ignore[no-untyped-def]
-    """How surely a body covers the ray of a sample that is covered, where its surface is [m], and its relative height
-    there."""
+    """Surface of a body at a covered sample: how surely it covers the ray, its range [m] and its relative height."""
     rays = samples.rays
     pixel = samples.pixels[i]
     _, _, h, facing, lean = pose
@@ -223,7 +223,7 @@ def lay_others(samples, people, who: I64, reaching: I64, table, model) -> None: 
         if people.existence[k] > 0.5:
             _mark_near(poses[k, 0], poses[k, 1], poses[k, 2], samples, m)
     for k in who:
-        pose = poses[k, 0], poses[k, 1], poses[k, 2], poses[k, 3], poses[k, 4]
+        pose = pose_tuple(poses[k])
         for q in range(_find_covered(pose[0], pose[1], pose[2], samples, table)):
             i = samples.which[q]
             pixel = samples.pixels[i]

@@ -129,7 +129,7 @@ class Births(Carried):
             points.append(view_points)
             cameras.append(np.full(len(which), k))
             pixels.append(in_view.pixels[which])
-        return FreshPoints(np.concatenate(points, axis=1), np.concatenate(cameras), np.concatenate(pixels))
+        return FreshPoints(np.hstack(points), np.hstack(cameras), np.hstack(pixels))
 
     def _fresh_in_view(self, k: int, frame: Explanation, owners: Owners) -> tuple[I64, F32]:
         """Indices of the pixels of view k that have not been tried at the range that they have now, and (5, M) points
@@ -145,8 +145,8 @@ class Births(Carried):
 
 
 def _map_gains(points: F32, low_m: F64) -> F32 | None:
-    """What one more person at each cell of the floor from ``low_m`` on might gain: the sum over a body's breadth; None
-    for a floor that is too large."""
+    """Gain of one more person at each cell of the floor from ``low_m`` on: the sum over a body's breadth; None for a
+    floor that is too large."""
     high_m = points[:2].max(axis=1).astype(np.float64)
     rows, cols = [int(cells) + 2 * BODY_CELLS for cells in (high_m - low_m) / BIRTH_CELL_M]
     if rows * cols > MAP_CELLS_MAX:

@@ -1,4 +1,4 @@
-"""How well people at some places explain every pixel of one frame, and where they explain it best."""
+"""One frame explained by people at some places, and the search for the places that explain it best."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from planview.tracking.explain.samples import (
     PosePrior,
     SampleArrays,
     Search,
+    Searches,
     ViewArrays,
 )
 
@@ -57,7 +58,7 @@ def upright_pose(place: Sequence[float]) -> F64:
 
 
 class Likelihood(NamedTuple):
-    """What kernels need besides the pixels.
+    """Assumptions that kernels need besides the pixels.
 
     Attributes:
         model: (1,) array of one ``Model``.
@@ -141,7 +142,7 @@ class People(NamedTuple):
 
 
 class Fits(NamedTuple):
-    """How well N people explain together (``_ascent_kernels.explain``).
+    """Result of explaining N people together (``_ascent_kernels.explain``).
 
     Attributes:
         evidence: (N,) log-likelihood ratio of with to without each, plus the logarithm of the prior of the pose.
@@ -292,10 +293,10 @@ class Samples:
         """Samples of one of several people."""
         return Samples(self._likelihood, self.arrays.person(k))
 
-    def explain(self, people: People, priors: tuple[AnyArray, ...], order: I64, shared: Bool) -> Fits:
+    def explain(self, people: People, searches: Searches, order: I64, shared: Bool) -> Fits:
         """Move several people, in an order, to where they explain best together."""
         fits = Fits.empty(len(people.poses))
-        ascent.explain(people, priors, order, shared, self.arrays, self._table, self._model, fits)
+        ascent.explain(people, searches, order, shared, self.arrays, self._table, self._model, fits)
         return fits
 
     def lay_others(self, people: People, others: I64, reaching: I64 | None = None) -> None:

@@ -1,4 +1,4 @@
-"""Where a body faces: its silhouette shows an axis, and the direction of walking shows which end of it is ahead."""
+"""Facing of a body: its silhouette shows an axis, and the direction of walking shows which end of it is ahead."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ LEANING_M2_PS = 0.02
 
 
 class Gait(NamedTuple):
-    """How a person moves, as far as this shows where the chest points.
+    """Movement of a person, as far as it shows where the chest points.
 
     Attributes:
         still: 0 for a fast walk straight ahead; towards 1 for standing or strolling, which goes to any side.
@@ -127,7 +127,7 @@ class FacingDistribution(NamedTuple):
 
 @dataclass(eq=False)
 class Stance:
-    """Where the chest of a person points, and how far the head is before the feet.
+    """Direction of a person's chest, and how far the head is before the feet.
 
     Attributes:
         facing_rad, facing_var: of the pose that explains best, counterclockwise from x, and the variance within which

@@ -1,4 +1,4 @@
-"""Who is whom: people who were in contact may have been exchanged, and newcomers may be people seen before."""
+"""Identities: people who were in contact may have been exchanged, and newcomers may be people seen before."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from planview.tracking.explain.explanation import Owners
 from planview.tracking.explain.params import PeopleParams
 from planview.tracking.explain.person import Person
 from planview.tracking.explain.samples import PARTS
+from planview.tracking.matching import best_pairs
 
 CONTACT_M = 0.7
 """People nearer than this may be confused [m]: a body, and an arm's movement."""
@@ -122,15 +123,13 @@ def match_newcomers(
         floor_m2: over which strangers may appear.
         low_share: of people who sit, bend, or are children.
     """
-    from scipy.optimize import linear_sum_assignment  # half a second
-
     if not seen_before or not newcomers:
         return []
-    odds = np.array(
-        [[_log_odds(person, new, everybody, floor_m2, low_share) for person in seen_before] for new in newcomers]
-    )
-    rows, columns = linear_sum_assignment(np.maximum(odds, 0.0), maximize=True)
-    best = {int(i): int(j) for i, j in zip(rows, columns, strict=True) if odds[i, j] > 0.0}
+    odds = np.empty((len(newcomers), len(seen_before)))
+    for i, newcomer in enumerate(newcomers):
+        for j, person in enumerate(seen_before):
+            odds[i, j] = _log_odds(person, newcomer, everybody, floor_m2, low_share)
+    best = best_pairs(np.maximum(odds, 0.0))
     own_heights = np.array([_own_height(person, low_share) for person in seen_before])
     for i, newcomer in enumerate(newcomers):
         at_most = odds[i] if newcomer.glimpse.head_in_view else odds[i] + own_heights
@@ -151,15 +150,15 @@ def _log_odds(
     person: Person, newcomer: Person, everybody: Sequence[Person], floor_m2: float, low_share: float
 ) -> float:
     """Log-odds of a newcomer being a person seen before rather than a stranger, by place, height and colours."""
-    left = person.last_seen
-    came = newcomer.first_seen
-    gone_s = came.time_s - left.time_s
-    back_m = math.dist(left.at_m, came.at_m)
+    left = person.last_seen.kalman
+    came_m = newcomer.first_seen.kalman.at_m
+    gone_s = newcomer.first_seen.time_s - person.last_seen.time_s
+    back_m = math.dist(left.at_m, came_m)
     if not body.is_within_reach(gone_s, back_m):
         return -math.inf
     ahead_s = body.walking_on_s(gone_s)
-    ahead_m = left.kalman.x_m + ahead_s * left.kalman.vx_mps, left.kalman.y_m + ahead_s * left.kalman.vy_mps
-    odds = body.log_odds_same_place(gone_s, math.dist(ahead_m, came.at_m), back_m, floor_m2)
+    ahead_m = left.x_m + ahead_s * left.vx_mps, left.y_m + ahead_s * left.vy_mps
+    odds = body.log_odds_same_place(gone_s, math.dist(ahead_m, came_m), back_m, floor_m2)
     others = [other.identity.clothes for other in everybody if other is not person and other is not newcomer]
     odds += person.identity.clothes.log_odds_same(newcomer.identity.clothes, stranger_colours(others))
     if not newcomer.glimpse.head_in_view:

@@ -18,6 +18,7 @@ from planview.tracking.explain.explanation import People
 from planview.tracking.explain.facing import FacingDistribution, Gait, Stance
 from planview.tracking.explain.samples import TINY, PosePrior
 from planview.tracking.kalman import FloorKalman
+from planview.tracking.odds import probability
 
 SHAPE_STD_M = 0.015
 """Deviation of a place along each axis because a body is thicker or thinner than its table [m]: 2 cm along the ray."""
@@ -69,7 +70,7 @@ class Stature:
 
 @dataclass(eq=False)
 class Walk:
-    """How far a track has moved from where it began.
+    """Movement of a track away from where it began.
 
     Attributes:
         origin_m: where it began.
@@ -90,7 +91,7 @@ class Walk:
 
 @dataclass(eq=False)
 class Identity:
-    """What belongs to a person and not to the place where it stands.
+    """Properties of a person that do not depend on where it stands.
 
     Attributes:
         track_id: negative until confirmed, then positive; unique in a run.
@@ -113,14 +114,9 @@ class Sighting(NamedTuple):
     time_s: float
     kalman: FloorKalman
 
-    @property
-    def at_m(self) -> tuple[float, float]:
-        """Place on the floor."""
-        return self.kalman.x_m, self.kalman.y_m
-
 
 class Glimpse(NamedTuple):
-    """What a frame shows of a person.
+    """A person as one frame shows it.
 
     Attributes:
         evidence: log-likelihood ratio of with to without the person, plus the logarithm of the prior of the pose.
@@ -149,10 +145,14 @@ class Glimpse(NamedTuple):
         """Glimpse by the (3,) patches of ``Samples.visible_patches``."""
         own, shown, in_view = patches.tolist()
         uncut = min(1.0, 1.25 * inside_share)  # the border may cut off a fifth
-        visible_share = own / max(shown, TINY) * uncut
-        shown_share = shown / in_view if in_view else 1.0
         return Glimpse(
-            evidence, visible_share, shown_share, inside_share, in_view, head_in_view, shared_std_m=shared_std_m
+            evidence=evidence,
+            visible_share=own / max(shown, TINY) * uncut,
+            shown_share=shown / in_view if in_view else 1.0,
+            inside_share=inside_share,
+            patches=in_view,
+            head_in_view=head_in_view,
+            shared_std_m=shared_std_m,
         )
 
 
@@ -251,13 +251,18 @@ class Person:
         """Somebody without an id at a pose, with what was measured there (``Samples.precision``)."""
         kalman = FloorKalman.from_measurement(pose[:2], noise)
         seen = Sighting(now_s, kalman)
-        facing_rad, lean_m = pose[3:].tolist()
-        height_var = 1.0 / (1.0 / body.HEIGHT_STD_M**2 + height_information)
-        log_odds = BORN_LOG_ODDS + 0.25 * min(glimpse.evidence, EVIDENCE_MAX)
+        height_m, facing_rad, lean_m = pose[2:].tolist()
         return cls(
-            Identity(0, Walk(seen.at_m)), kalman, float(pose[2]), height_var, Stance(facing_rad, lean_m), log_odds,
-            seen, seen, glimpse,
-        )  # fmt: skip
+            identity=Identity(0, Walk(kalman.at_m)),
+            kalman=kalman,
+            height_m=height_m,
+            height_var=1.0 / (1.0 / body.HEIGHT_STD_M**2 + height_information),
+            stance=Stance(facing_rad, lean_m),
+            log_odds=BORN_LOG_ODDS + 0.25 * min(glimpse.evidence, EVIDENCE_MAX),
+            first_seen=seen,
+            last_seen=seen,
+            glimpse=glimpse,
+        )
 
     @property
     def track_id(self) -> int:
@@ -271,7 +276,7 @@ class Person:
     @property
     def at_m(self) -> tuple[float, float]:
         """Place on the floor."""
-        return self.kalman.x_m, self.kalman.y_m
+        return self.kalman.at_m
 
     @property
     def pose(self) -> F64:
@@ -281,9 +286,10 @@ class Person:
     @property
     def head_m(self) -> tuple[float, float]:
         """Place below the head."""
+        x_m, y_m = self.at_m
         facing_rad = self.stance.facing_rad
         lean_m = self.stance.lean_m
-        return self.kalman.x_m + lean_m * math.cos(facing_rad), self.kalman.y_m + lean_m * math.sin(facing_rad)
+        return x_m + lean_m * math.cos(facing_rad), y_m + lean_m * math.sin(facing_rad)
 
     @property
     def head_std_m(self) -> float:
@@ -298,21 +304,29 @@ class Person:
     def pose_prior(self) -> PosePrior:
         """Precision of the predicted pose before a frame."""
         gait = Gait.of(self.kalman)
-        facing = 1.0 / self.stance.facing_var
         return PosePrior(
-            *self.kalman.information, 1.0 / self.height_var, facing, self.stance.backward, gait.concentration,
-            gait.heading_rad,
-        )  # fmt: skip
+            *self.kalman.information,
+            height=1.0 / self.height_var,
+            facing=1.0 / self.stance.facing_var,
+            back=self.stance.backward,
+            walk=gait.concentration,
+            heading=gait.heading_rad,
+        )
 
     @property
     def existence(self) -> float:
         """Probability that the person is there."""
-        return 1.0 / (1.0 + math.exp(-self.log_odds))
+        return probability(self.log_odds)
 
     @property
     def seniority(self) -> tuple[bool, float, int]:
         """Larger for whoever exists more surely; of two equally sure ones, for whoever came first."""
         return self.confirmed, self.log_odds, -abs(self.track_id)
+
+    def move_to(self, x_m: float, y_m: float, height_m: float) -> None:
+        """Jump to another place and height, speed and deviations unchanged."""
+        self.kalman = self.kalman.move_to(x_m, y_m)
+        self.height_m = height_m
 
     def measure_height(self, height_m: float, information: float) -> None:
         """Take over the height of the pose that explains best; ``information`` on it [1/m^2]."""

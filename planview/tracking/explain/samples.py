@@ -1,4 +1,4 @@
-"""What the kernels share: assumptions, what a camera saw, and the samples of a frame, which are pixels near people."""
+"""Input of the kernels: assumptions, what a camera saw, and the samples of a frame, which are pixels near people."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ body's table; ``near`` is 1 where somebody else reaches."""
 
 
 class Model(NamedTuple):
-    """What is assumed of a sensor and of people, as kernels take it. A default means that the sensor has no such thing.
+    """Assumptions about a sensor and people, as kernels take them. A default means that the sensor has no such thing.
 
     Attributes:
         body, background: pF and pB, shares of a body's and of the background's pixels that are foreground.
@@ -128,7 +128,7 @@ class ViewArrays(NamedTuple):
 
 
 class Appearance(NamedTuple):
-    """What a person looks like wherever it stands.
+    """Looks of a person, wherever it stands.
 
     Attributes:
         stature_m, stature_std_m: height when upright and its deviation.
@@ -157,6 +157,20 @@ class Search(NamedTuple):
     predicted: F64
     prior: AnyArray
     steps: F64
+
+
+class Searches(NamedTuple):
+    """Searches of N people together.
+
+    Attributes:
+        predicted, priors: (N, 5) predicted poses, and (N,) of POSE_PRIOR.
+        steps, first_step: (K,) steps of the ascent, and (N,) index of the first one that each person takes.
+    """
+
+    predicted: F64
+    priors: AnyArray
+    steps: F64
+    first_step: I64
 
 
 class SampleArrays(NamedTuple):
@@ -192,6 +206,12 @@ class SampleArrays(NamedTuple):
         return SampleArrays._make(array[k] for array in self)
 
 
+@njit(inline="always")
+def _row_of(row, x, y, z):  # type: ignore[no-untyped-def]
+    """Product of a row of a projection and a point."""
+    return row[0] * x + row[1] * y + row[2] * z + row[3]
+
+
 @kernel
 def boxes(poses: F64, half_m: float, view, out: F64) -> None:  # type: ignore[no-untyped-def]
     """Left, top, right, bottom (N, 4) [px] of boxes around bodies: ``half_m`` to each side, 0.1 m above their heads;
@@ -207,10 +227,9 @@ def boxes(poses: F64, half_m: float, view, out: F64) -> None:  # type: ignore[no
             x = poses[a, 0] + (half_m if corner & 1 else -half_m)
             y = poses[a, 1] + (half_m if corner & 2 else -half_m)
             z = poses[a, 2] + 0.1 if corner & 4 else 0.0
-            depth = projection[2, 0] * x + projection[2, 1] * y + projection[2, 2] * z + projection[2, 3]
-            depth = max(depth, NEAREST_M)
-            u = (projection[0, 0] * x + projection[0, 1] * y + projection[0, 2] * z + projection[0, 3]) / depth
-            v = (projection[1, 0] * x + projection[1, 1] * y + projection[1, 2] * z + projection[1, 3]) / depth
+            depth = max(_row_of(projection[2], x, y, z), NEAREST_M)
+            u = _row_of(projection[0], x, y, z) / depth
+            v = _row_of(projection[1], x, y, z) / depth
             if k != 0.0:
                 r = math.hypot(u - middle_u, v - middle_v)
                 if 1.0 + 2.0 * k * r <= 0.0:
@@ -235,9 +254,10 @@ def mark_shared_rays(poses: F64, half_m: float, view, shared: Bool) -> None:  # 
     box = np.trunc(box)
     for i in range(len(poses)):
         for j in range(len(poses)):
-            apart = box[i, 0] - GAP_PX > box[j, 2] or box[j, 0] - GAP_PX > box[i, 2]
-            apart = apart or box[i, 1] - GAP_PX > box[j, 3] or box[j, 1] - GAP_PX > box[i, 3]
-            shared[i, j] = shared[i, j] or not apart
+            aside = box[i, 0] - GAP_PX > box[j, 2] or box[j, 0] - GAP_PX > box[i, 2]
+            above = box[i, 1] - GAP_PX > box[j, 3] or box[j, 1] - GAP_PX > box[i, 3]
+            if not (aside or above):
+                shared[i, j] = True
 
 
 @njit(inline="always")
@@ -321,6 +341,12 @@ def _choose_main(first, count, samples):  # type: ignore[no-untyped-def]
     if more > 0 or (more == 0 and here < there):  # of equally many one, whichever sensor is listed first
         samples.size[1] = first
         samples.size[2] = count
+
+
+@njit(inline="always")
+def pose_tuple(pose):  # type: ignore[no-untyped-def]
+    """Pose (5,) as a tuple."""
+    return pose[0], pose[1], pose[2], pose[3], pose[4]
 
 
 @njit(inline="always")

@@ -19,7 +19,8 @@ from planview.tracking.explain.facing import Gait
 from planview.tracking.explain.identity import Exchanges, Match, match_newcomers
 from planview.tracking.explain.params import PeopleParams
 from planview.tracking.explain.person import EVIDENCE_MAX, RECORDS, Person, Sighting
-from planview.tracking.explain.samples import PARTS, POSE_PRIOR
+from planview.tracking.explain.samples import PARTS, POSE_PRIOR, Searches
+from planview.tracking.odds import survive
 from planview.trajectories.state import TrackState
 
 HEIGHT_CHANGE_MPS = 0.6
@@ -85,10 +86,11 @@ class ExplainingTracker(Carried, Generic[P, Q]):
         """
         predicted = people.poses.copy()
         samples = frame.samples_around(predicted, body.TORSO.torso_radius_m + 0.1)
-        first_step = np.array([person.kalman.position_std_m < STEPS_M[1] for person in self._people], np.int64)
-        known = np.array([person.pose_prior for person in self._people], POSE_PRIOR)
+        priors = np.array([person.pose_prior for person in self._people], POSE_PRIOR)
+        well_known = [person.kalman.position_std_m < STEPS_M[1] for person in self._people]
+        searches = Searches(predicted, priors, STEPS_M, np.array(well_known, np.int64))
         order = frame.order_by_distance(people.poses)
-        return samples, samples.explain(people, (predicted, known, STEPS_M, first_step), order, shared)
+        return samples, samples.explain(people, searches, order, shared)
 
     def _measure(self, person: P, samples: Samples, pose: F64, curvature: F64, turned: F64, dt_s: float) -> None:
         """Take over place, height and facing of a pose, as far as the pixels show them."""
@@ -117,8 +119,7 @@ class ExplainingTracker(Carried, Generic[P, Q]):
         visible = self._is_visible(person)
         if not visible:
             person.unseen_s += dt_s * glimpse.shown_share
-            stays = person.existence * math.exp(-dt_s * glimpse.shown_share / away_s)
-            person.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
+            person.log_odds = survive(person.log_odds, dt_s * glimpse.shown_share, away_s)
         if glimpse.shown_share > 0.0:  # else the evidence is the prior of the pose alone
             person.log_odds += fresh * max(-EVIDENCE_MAX, min(EVIDENCE_MAX, glimpse.evidence))
         person.log_odds = max(-body.LOG_ODDS_MAX, min(body.LOG_ODDS_MAX, person.log_odds))
@@ -162,8 +163,9 @@ class ExplainingTracker(Carried, Generic[P, Q]):
         everybody = self._people + self._departed
         return match_newcomers(newcomers, lost + self._departed, everybody, floor_m2, p.low_share)
 
-    def _continue(self, newcomer: P, before: P, log_odds: float) -> None:
-        """Give a newcomer the identity of a person seen before."""
+    def _continue(self, match: Match[P]) -> None:
+        """Give a newcomer the identity of the person seen before."""
+        newcomer, before, log_odds = match
         was = newcomer.track_id
         newcomer.swap_identity(before)
         newcomer.proof.spent = {}
@@ -181,11 +183,23 @@ class ExplainingTracker(Carried, Generic[P, Q]):
 
     def _state(self, person: P, box_px: Box = NO_BOX, claims: tuple[float, float] = (math.nan, math.nan)) -> TrackState:
         """Report a person; ``claims``: probability that somebody is there, and deviation of the place [m]."""
-        kalman = person.kalman
+        x_m, y_m = person.head_m
+        facing_deg, facing_confidence = person.stance.reported_facing
+        confidence, std_m = claims
         return TrackState(
-            person.track_id, state_of(person.confirmed, self._is_visible(person)), *person.head_m, kalman.vx_mps,
-            kalman.vy_mps, person.height_m, box_px, *person.stance.reported_facing, *claims,
-        )  # fmt: skip
+            track_id=person.track_id,
+            state=state_of(person.confirmed, self._is_visible(person)),
+            x_m=x_m,
+            y_m=y_m,
+            vx_mps=person.kalman.vx_mps,
+            vy_mps=person.kalman.vy_mps,
+            height_m=person.height_m,
+            box_px=box_px,
+            facing_deg=facing_deg,
+            facing_confidence=facing_confidence,
+            confidence=confidence,
+            std_m=std_m,
+        )
 
 
 def without(people: Sequence[P], gone: P) -> list[P]:

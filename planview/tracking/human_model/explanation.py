@@ -17,11 +17,11 @@ from planview.foreground.gain import Exposure
 from planview.maps.view import COLOURED, NO_DEPTH, SURFACE, PixelRays, View, colour_codes
 from planview.tracking import body
 from planview.tracking.body import BodyPart, BodyTable, build_table
-from planview.tracking.detections import common_areas
 from planview.tracking.explain.explanation import ANYBODY, Explanation, Likelihood, Owners, People, loose_prior
 from planview.tracking.explain.params import PeopleParams
 from planview.tracking.explain.samples import Model
 from planview.tracking.human_model.model_map import HumanModelMapParams
+from planview.tracking.matching import common_areas
 
 SPACING_M = 0.05
 """Distance of samples on a body [m]."""
@@ -157,14 +157,22 @@ class MaskExplanation(Explanation):
     def __init__(self, rays: PixelRays, view: View, likelihood: Likelihood) -> None:
         self.kind: U8 = np.where(view.kind == NO_DEPTH, np.uint8(SURFACE), view.kind)
         self.pixels: I64 = np.flatnonzero(self.kind == SURFACE)
-        in_colour = view.image is not None and view.image.ndim == 3
-        colour: U8 | None = None
-        if view.image is not None and in_colour and likelihood.model[0]["colour"] > 0:
-            codes = colour_codes(view.image, self.pixels.astype(np.int32), Exposure())
-            if COLOURED[codes].any():  # else by night: no colours, which is not grey clothes
-                colour = np.zeros(self.kind.shape, np.uint8)
-                colour.reshape(-1)[self.pixels] = codes
+        colour = None
+        if view.image is not None and likelihood.model["colour"][0] > 0:
+            colour = self._colour(view.image)
         super().__init__((View(rays, self.kind, view.range_m, colour),), likelihood)
+
+    def _colour(self, image: U8) -> U8 | None:
+        """(H, W) uint8 colour codes of the surface; None of grey images, and by night: no colours, which is not grey
+        clothes."""
+        if image.ndim < 3:
+            return None
+        codes = colour_codes(image, self.pixels.astype(np.int32), Exposure())
+        if not COLOURED[codes].any():
+            return None
+        colour: U8 = np.zeros(self.kind.shape, np.uint8)
+        colour.reshape(-1)[self.pixels] = codes
+        return colour
 
     def residual(self, owners: Owners) -> F32:
         """(H, W) float32: what one more person behind all others would gain at some pixels, 0 elsewhere."""

@@ -21,7 +21,7 @@ MIN_VISIBLE = 0.05
 
 
 class HumanModelMapParams(Params):
-    """Where people are expected."""
+    """Limits of the places where people are expected."""
 
     max_distance_m: float = Field(default=60.0, gt=0, le=500)
     """Farthest floor point, measured along the floor from below the camera [m]. Our choice: beyond it a person

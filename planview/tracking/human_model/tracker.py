@@ -14,9 +14,10 @@ from calib.people.model import HumanModel
 from calib.types import F32, F64, U8, Bool
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
 from planview.maps.view import BACKGROUND_SEEN, SHADED, SURFACE, PixelRays, View
-from planview.tracking import body
+from planview.tracking import body, odds
 from planview.tracking.base import NO_BOX, Box, DecisionKind, Drawing, Needs, Observation, TrackerDebug
 from planview.tracking.explain.explanation import Owners, People
+from planview.tracking.explain.identity import Match
 from planview.tracking.explain.person import RECORDS, Glimpse, side_by_side
 from planview.tracking.explain.tracker import ExplainingTracker
 from planview.tracking.human_model.explanation import HumanModelParams, MaskExplanation, likelihood_of_masks
@@ -138,10 +139,8 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
 
     def _check_size(self, view: View) -> None:
         width, height = self.camera.size
-        shapes = [view.kind.shape]
-        if view.image is not None:
-            shapes.append(view.image.shape)
-        for rows, cols, *_ in shapes:
+        image = view.kind if view.image is None else view.image
+        for rows, cols in (view.kind.shape, image.shape[:2]):
             if (cols, rows) != (width, height):
                 raise InputError(
                     f"expected images of {width}x{height} px, for which the camera was calibrated, found {cols}x{rows}"
@@ -178,12 +177,14 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
                 middle = hull.mean(axis=0)
                 core = middle + CORE_WIDTH * (hull - middle)
                 cv2.fillConvexPoly(walkers, np.rint(core).astype(np.int32), 1)
-        inside = np.flatnonzero(walkers.view(np.bool_))
+        inside = np.flatnonzero(walkers)
         hidden = math.log((1 - p.seen_on_background) / (1 - p.seen_on_body))
         shown = math.log(p.seen_on_background / p.seen_on_body)
-        more = seen.reshape(-1)[inside] * hidden + (frame.kind.reshape(-1)[inside] == SURFACE) * shown
+        is_surface = frame.kind.reshape(-1)[inside] == SURFACE
+        more = seen.reshape(-1)[inside] * hidden + is_surface * shown
         hides = self._hides.reshape(-1)
-        hides[inside] = np.clip(hides[inside] + self._fresh(dt_s) * more, 2 * HIDDEN_LOG_ODDS, -HIDDEN_LOG_ODDS)
+        log_odds = hides[inside] + self._fresh(dt_s) * more
+        hides[inside] = np.clip(log_odds, 2 * HIDDEN_LOG_ODDS, -HIDDEN_LOG_ODDS)
 
     def _visibility(self, at_m: Sequence[float] | F64) -> float:
         """The human visibility ratio of the model map."""
@@ -259,16 +260,18 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
         people = side_by_side(self._people)
         born, poses = find_newcomers(self._places, frame, people, owners, self._life.now_s, self.params)
         for person, pose in zip(self._people, poses, strict=True):
-            if tuple(pose[:3]) != (*person.at_m, person.height_m):
-                person.kalman = person.kalman.move_to(float(pose[0]), float(pose[1]))
-                person.height_m = float(pose[2])
-                self._life.note(person, "recentred", f"accounts for more at {pose[0]:.2f}, {pose[1]:.2f} m", math.nan)
+            x_m, y_m, height_m, *_ = pose.tolist()
+            if (x_m, y_m, height_m) != (*person.at_m, person.height_m):
+                person.move_to(x_m, y_m, height_m)
+                self._life.note(person, "recentred", f"accounts for more at {x_m:.2f}, {y_m:.2f} m")
         matches = match_hulls([self._hull(newcomer) for newcomer in born], frame.kind == SURFACE)
         for newcomer, match in zip(born, matches, strict=True):
             newcomer.match = match
             newcomer.glimpse = newcomer.glimpse._replace(inside_share=self._visibility(newcomer.at_m))
-            reason = f"M {match.score:.2f}, evidence {newcomer.glimpse.evidence:.1f}, {newcomer.height_m:.2f} m tall"
-            self._add(newcomer, "split" if match.recall < 0.5 else "spawned", reason, match.score)
+            evidence = newcomer.glimpse.evidence
+            reason = f"M {match.score:.2f}, evidence {evidence:.1f}, {newcomer.height_m:.2f} m tall"
+            kind: DecisionKind = "split" if match.recall < 0.5 else "spawned"
+            self._add(newcomer, kind, reason, match.score)
 
     def _recognise(self, dt_s: float) -> None:
         """Confirm newcomers, either as a lost or departed person or as a stranger.
@@ -289,8 +292,8 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
                 before = match.other
                 returns = RETURNS if before in self._departed else before.existence
                 log_odds = match.log_odds + math.log(returns)
-                if log_odds > 0.0 and (sure or log_odds > math.log(p.report / (1 - p.report))):
-                    self._continue(newcomer, before, log_odds)
+                if log_odds > 0.0 and (sure or log_odds > odds.log_odds(p.report)):
+                    self._continue(Match(newcomer, before, log_odds))
                     continue
             if sure:
                 self._confirm(newcomer, f"existence {newcomer.existence:.2f}, walked {walked_m:.2f} m")

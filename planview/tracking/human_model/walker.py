@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple
 import cv2
 import numpy as np
 
+from calib.ground_camera import GroundCamera
 from calib.types import F32, F64, I32, I64, U8
 from planview.maps.view import BACKGROUND_SEEN
 from planview.tracking import body
@@ -40,7 +41,7 @@ head of 3 px does not distinguish a person from a bag, but a camera is pointed a
 
 
 class ModelMatch(NamedTuple):
-    """How a hull matches the blobs that it touches (equation 1)."""
+    """Match of a hull with the blobs that it touches (equation 1)."""
 
     recall: float = 0.0
     precision: float = 0.0
@@ -141,18 +142,19 @@ class FloorPlaces:
     def __init__(self, model_map: HumanModelMap, visible: float, patch_m: float) -> None:
         camera = model_map.camera
         boxes = model_map.boxes()
+        length_px = boxes[:, 2:].max(axis=1)
         middle = model_map.entry_at(np.array([0.5 * camera.width, 0.5 * camera.height]))
-        usual_px = boxes[middle, 2:].max() if middle >= 0 else np.inf
-        keep = model_map.visibility >= visible
-        keep &= boxes[:, 2:].max(axis=1) >= min(BIRTH_PX, BIRTH_SHARE * usual_px)
-        boxes = boxes[keep]
+        usual_px = length_px[middle] if middle >= 0 else np.inf
+        least_px = min(BIRTH_PX, BIRTH_SHARE * usual_px)
+        keep = (model_map.visibility >= visible) & (length_px >= least_px)
         self.floor_m: F32 = model_map.floor_m[keep]
         self.floor_m2 = float(len(np.unique(np.rint(self.floor_m), axis=0)))
-        limits = np.array([camera.width, camera.height] * 2)
         corners = np.concatenate([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]], axis=1)
-        self.boxes: I32 = np.clip(np.rint(corners), 0, limits).astype(np.int32)
-        self.bands: I32 = np.clip(np.rint(_bands(model_map.hull_px[keep])), 0, limits).astype(np.int32)
-        self._around: I32 = np.concatenate([self.bands[..., :2].min(axis=1), self.bands[..., 2:].max(axis=1)], axis=1)
+        self.boxes: I32 = _inside_image(corners[keep], camera)
+        self.bands: I32 = _inside_image(_bands(model_map.hull_px[keep]), camera)
+        left_top = self.bands[..., :2].min(axis=1)
+        right_bottom = self.bands[..., 2:].max(axis=1)
+        self._around: I32 = np.concatenate([left_top, right_bottom], axis=1)
         # Depth along the optical axis of the middle of the body [m].
         drop_m = camera.height_m - 0.5 * model_map.model.height_m
         depth_m = self.floor_m[:, 1] * math.sin(camera.tilt_rad) + drop_m * math.cos(camera.tilt_rad)
@@ -180,6 +182,12 @@ class FloorPlaces:
         return places[good], scores[good]
 
 
+def _inside_image(boxes: F32 | F64, camera: GroundCamera) -> I32:
+    """(..., 4) boxes left, top, right, bottom in whole pixels of the image."""
+    limits = np.array([camera.width, camera.height] * 2)
+    return np.clip(np.rint(boxes), 0, limits).astype(np.int32)
+
+
 def _box_sums(image: F32, boxes: I32) -> F64:
     """(...) sums of an image (H, W) in boxes (..., 4) left, top, right, bottom."""
     left, top, right, bottom = np.moveaxis(boxes, -1, 0)
@@ -190,17 +198,22 @@ def _box_sums(image: F32, boxes: I32) -> F64:
 
 def _bands(hull_px: F32) -> F64:
     """(N, BANDS, 4) left, top, right, bottom [px] of the cores of (N, K, 2) convex hulls, from the head down."""
-    ends = np.linspace(hull_px[..., 1].min(1), hull_px[..., 1].max(1), BANDS + 1, axis=1)
-    middle = 0.5 * (ends[:, :-1] + ends[:, 1:])[..., None]
+    rows = hull_px[..., 1]
+    ends = np.linspace(rows.min(axis=1), rows.max(axis=1), BANDS + 1, axis=1)
+    top = ends[:, :-1]
+    bottom = ends[:, 1:]
+    middle = 0.5 * (top + bottom)[..., None]
+    # Every side of the hull, from (x, y) to the next corner, that crosses the middle of a band.
     x, y = np.moveaxis(hull_px[:, None], -1, 0)
-    to_x, to_y = np.moveaxis(np.roll(hull_px, -1, 1)[:, None], -1, 0)
+    to_x, to_y = np.moveaxis(np.roll(hull_px, -1, axis=1)[:, None], -1, 0)
     crosses = (y <= middle) != (to_y <= middle)
-    at = x + (middle - y) / np.where(crosses, to_y - y, 1.0) * (to_x - x)
-    left = np.where(crosses, at, np.inf).min(-1)
-    right = np.where(crosses, at, -np.inf).max(-1)
+    rise = np.where(crosses, to_y - y, 1.0)
+    at = x + (middle - y) / rise * (to_x - x)
+    left = np.where(crosses, at, np.inf).min(axis=-1)
+    right = np.where(crosses, at, -np.inf).max(axis=-1)
     centre = 0.5 * (left + right)
     half = 0.5 * CORE_WIDTH * (right - left)
-    return np.stack([centre - half, ends[:, :-1], centre + half, ends[:, 1:]], axis=-1)
+    return np.stack([centre - half, top, centre + half, bottom], axis=-1)
 
 
 def find_newcomers(
@@ -216,9 +229,9 @@ def find_newcomers(
     people = followed
     born: list[Walker] = []
     for _ in range(PLACES_MAX):
-        best = int(np.argmax(scores)) if len(scores) else -1
-        if best < 0 or scores[best] <= 0.0:
+        if scores.max(initial=0.0) <= 0.0:
             break
+        best = int(np.argmax(scores))
         size = boxes[best, 2:] - boxes[best, :2]
         scores[(np.abs(middle - middle[best]) < 0.5 * size).all(axis=1)] = 0.0
         newcomer = _try_walker(places.floor_m[entries[best]].astype(np.float64), frame, people, now_s, p)

@@ -20,6 +20,7 @@ from planview.tracking.explain.person import Glimpse, Person, side_by_side
 from planview.tracking.explain.tracker import ExplainingTracker, without
 from planview.tracking.joint.ranges import JointParams, likelihood_of_ranges
 from planview.tracking.kalman import FloorKalman
+from planview.tracking.odds import probability
 from planview.trajectories.state import TrackState
 
 LOW_WALKERS = 0.01
@@ -56,7 +57,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         labels = []
         greys = [40]
         for person in self._people:
-            strips.append(np.asarray(circle + person.at_m, dtype=np.float32))
+            strips.append((circle + person.at_m).astype(np.float32))
             visible = f"visible {person.glimpse.visible_share:.2f}"
             labels.append(f"{person.track_id}: existence {person.existence:.2f}, {visible}")
             greys.append(80 + (37 * person.track_id) % 176)
@@ -100,7 +101,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         self._learn_clothes(frame, owners, dt_s)
 
         # Who has left, who is new, and who of these was here before.
-        self._end_departed()
+        self._end_gone()
         self._add_newcomers(frame, owners, predicted)
         if not damaged:  # else outlines may be as wrong as colours
             self._recognise(coloured)
@@ -123,7 +124,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             evidence = float(fits.evidence[i])
             rival = self._rival(i, people)
             if rival >= 0:
-                both, alone = self._compare_with_one(i, rival, samples.person(rival), people)
+                both, alone = self._compare_with_rival(i, rival, samples.person(rival), people)
                 evidence = min(evidence, both)
                 if both < 0.0 and alone[2] > people.poses[rival, 2] + body.HEIGHT_STD_M:
                     upright.append((self._people[rival], alone))
@@ -135,23 +136,32 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
                 person.glimpse = person.glimpse._replace(shape=own.against_thing(pose, people.statures[i]))
             self._measure(person, samples.person(i), pose, fits.curvature[i], fits.by_facing[i], dt_s)
             at_border = person.glimpse.inside_share < INSIDE
-            self._weigh(person, dt_s, body.LEAVE_S if at_border else self.params.stay_s)
+            stays_s = body.LEAVE_S if at_border else self.params.stay_s
+            self._weigh(person, dt_s, stays_s)
             if visible:
-                _count_movement(person, alone=len(neighbours) == 0)
-            if visible and person.glimpse.head_in_view and not person.confirmed:
-                person.proof.count_height(person.height_m, person.glimpse, self.params.low_share)
+                self._count_signs(person, alone=len(neighbours) == 0)
             self._note_match(person, [self._people[k] for k in neighbours])
         for person, pose in upright:  # one upright body explains more than a low one and another
-            person.kalman = person.kalman.move_to(float(pose[0]), float(pose[1]))
-            person.height_m = float(pose[2])
+            person.move_to(*pose[:3].tolist())
+
+    def _count_signs(self, person: Person, alone: bool) -> None:
+        """Count movement and height as evidence for a person and against a thing; next to somebody what moves may be a
+        shadow or something carried."""
+        walk = person.identity.walk
+        farther_m = walk.extend(person.at_m)
+        if alone:
+            place_var = float(np.trace(person.kalman.covariance[:2, :2]))
+            step_m = math.sqrt(body.TORSO.torso_radius_m**2 + place_var)
+            walk.evidence = min(walk.evidence + farther_m / step_m, body.LOG_ODDS_MAX)
+        if person.glimpse.head_in_view and not person.confirmed:
+            person.proof.count_height(person.height_m, person.glimpse, self.params.low_share)
 
     def _note_match(self, person: Person, neighbours: Sequence[Person]) -> None:
         """Write down how well the frame shows a person."""
         kind: DecisionKind = "matched" if self._is_visible(person) else "lost"
         glimpse = person.glimpse
-        reason = (
-            f"evidence {glimpse.evidence:.1f}, visible {glimpse.visible_share:.2f}, existence {person.existence:.3f}"
-        )
+        shown = f"evidence {glimpse.evidence:.1f}, visible {glimpse.visible_share:.2f}"
+        reason = f"{shown}, existence {person.existence:.3f}"
         if neighbours:
             reason += ", next to " + ", ".join(str(neighbour.track_id) for neighbour in neighbours)
         self._life.note(person, kind, reason, glimpse.evidence)
@@ -164,9 +174,9 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         established = self._people[nearest].seniority > self._people[i].seniority
         return nearest if gaps[nearest] < body.APART_M and established else -1
 
-    def _compare_with_one(self, i: int, rival: int, samples: Samples, people: People) -> tuple[float, F64]:
-        """Evidence for a person in another's place: both people, compared with the other one alone anywhere nearby, and
-        (5,) the pose that this one would have.
+    def _compare_with_rival(self, i: int, rival: int, samples: Samples, people: People) -> tuple[float, F64]:
+        """Evidence for a person and the rival in whose place it stands, compared with the rival alone anywhere nearby;
+        (5,) the pose that the rival alone would have.
 
         Args:
             samples: those of the rival.
@@ -179,16 +189,17 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         near = np.append(rest, (i, rival))  # one alone has arms as well
         samples.lay_others(people, rest, near)
         second = samples.log_ratio(*people.person(i))
-        alone = []
-        for start in (pose.copy(), np.array([*people.poses[i, :2], stature[0], *pose[3:]])):
-            evidence, _ = samples.ascend(start, pose, SEARCH_PRIOR, stature, ratios)
-            alone.append((evidence, start))
-        best, best_pose = max(alone, key=lambda fit: fit[0])
+        fits = []
+        in_the_place_of_the_other = np.array([*people.poses[i, :2], stature[0], *pose[3:]])
+        for alone in (pose.copy(), in_the_place_of_the_other):
+            evidence, _ = samples.ascend(alone, pose, SEARCH_PRIOR, stature, ratios)
+            fits.append((evidence, alone))
+        one, alone = max(fits, key=lambda fit: fit[0])
         prior = samples.log_prior(pose, stature)
         prior += samples.log_prior(people.poses[i], people.statures[i], np.array([rival]))
         samples.lay_others(people, np.append(rest, i), near)
         both = second + samples.log_ratio(pose, stature, ratios) + prior
-        return both - best, best_pose
+        return both - one, alone
 
     def _count_evidence(self, views: Sequence[View], owners: Sequence[Owners]) -> None:
         """Add the pixels of each newcomer to the evidence that it is a person."""
@@ -213,7 +224,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             apart.append(min(gaps_m, default=math.inf) >= body.REACH_M)
         self._learn_colours(owners, apart, dt_s)
 
-    def _end_departed(self) -> None:
+    def _end_gone(self) -> None:
         """Stop following people who are no longer there, or unseen for long."""
         for person in self._people:
             left = person.glimpse.inside_share < 0.15 and person.unseen_s > body.LEAVE_S
@@ -239,17 +250,20 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         """Move people who were predicted elsewhere to the newcomers that they are; return the other newcomers."""
         people = list(self._people)
         strangers = list(born)
-        odds = odds_of_moving(frame, people, [predicted[person.track_id] for person in people], born, self.params)
+        before = [predicted[person.track_id] for person in people]
+        odds = odds_of_moving(frame, people, before, born, self.params)
         while odds.size and odds.max() > KNOWN_LOG_ODDS:
             i, k = np.unravel_index(int(np.argmax(odds)), odds.shape)
-            person, newcomer = people[i], born[k]
+            person = people[i]
+            newcomer = born[k]
             noise = newcomer.kalman.covariance[:2, :2]
-            newcomer.kalman = predicted[person.track_id].correct_to(newcomer.pose[:2], noise)
+            newcomer.kalman = before[i].correct_to(newcomer.pose[:2], noise)
             newcomer.log_odds = person.log_odds
             newcomer.confirmed = True
             newcomer.swap_identity(person)
             self._people[i] = newcomer
-            self._life.note(newcomer, "matched", f"in a newcomer's place: log-odds {odds[i, k]:.1f}", odds[i, k])
+            reason = f"in a newcomer's place: log-odds {odds[i, k]:.1f}"
+            self._life.note(newcomer, "matched", reason, odds[i, k])
             strangers.remove(newcomer)
             odds[i] = -math.inf
             odds[:, k] = -math.inf
@@ -268,7 +282,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         in_doubt: list[Person] = []
         for match in self._match(sure, self.params.floor_m2):  # before those who may be nobody
             if match.log_odds > KNOWN_LOG_ODDS:
-                self._continue(*match)
+                self._continue(match)
             elif match.person.will_show_more(self._life.now_s, coloured):
                 in_doubt.append(match.person)
         for person in sure:
@@ -278,7 +292,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         unconfirmed = [person for person in newcomers if not person.confirmed]
         for match in self._match(unconfirmed, self.params.floor_m2):
             if match.log_odds > KNOWN_LOG_ODDS:
-                self._continue(*match)
+                self._continue(match)
 
     def _is_person(self, newcomer: Person) -> bool:
         """True if a newcomer is surely there and no thing."""
@@ -288,8 +302,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         """Probability that a person is there: of a newcomer, by independent evidence as well, and of no thing."""
         if person.confirmed:
             return person.existence
-        log_odds = min(person.log_odds, person.proof.log_odds, self._personhood(person))
-        return 1.0 / (1.0 + math.exp(-log_odds))
+        return probability(min(person.log_odds, person.proof.log_odds, self._personhood(person)))
 
     def _personhood(self, person: Person) -> float:
         """Log-odds of a person against a thing, by shape and own movement, and by height as far as the head has been in
@@ -318,13 +331,3 @@ def _glimpse(frame: Explanation, person: Person, pose: F64, evidence: float, pat
     inside_share = min(1.0, float(patches[2]) / frame.whole_patches(pose))
     head_in_view = frame.shows_height(pose, person.height_m, person.identity.stature.std_m)
     return Glimpse.of(evidence, patches, inside_share, head_in_view, frame.shared_std_m(pose))
-
-
-def _count_movement(person: Person, alone: bool) -> None:
-    """Count movement as evidence for a person; next to somebody it may be a shadow or something carried."""
-    walk = person.identity.walk
-    farther_m = walk.extend(person.at_m)
-    if alone:
-        place_var = float(np.trace(person.kalman.covariance[:2, :2]))
-        step_m = math.sqrt(body.TORSO.torso_radius_m**2 + place_var)
-        walk.evidence = min(walk.evidence + farther_m / step_m, body.LOG_ODDS_MAX)

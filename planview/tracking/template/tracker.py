@@ -108,7 +108,7 @@ class MapPerson:
     @property
     def at_m(self) -> Place:
         """Filtered position, or the predicted one while nothing matches [m]."""
-        return self.kalman.x_m, self.kalman.y_m
+        return self.kalman.at_m
 
     def distance_m(self, at_m: Place) -> float:
         """Distance of a place from the last predicted or measured location, whichever is nearer."""
@@ -224,7 +224,7 @@ class TemplateTracker(Carried):
         self._find_newcomers(free)
 
     def _search(self, person: MapPerson, free: FreeMaps, placed: list[Place]) -> tuple[Place | None, ScoreTerms]:
-        """Where the match score M (eq. 4) is smallest around the prediction; None where it exceeds theta_track."""
+        """Place where the match score M (eq. 4) around the prediction is smallest; None if it exceeds theta_track."""
         p = self.params
         grid = free.maps.grid
         reach = max(1, math.ceil(SEARCH_SIGMA * person.kalman.position_std_m / grid.cell_m))
@@ -439,9 +439,18 @@ def _state(person: MapPerson, near_cells: int, camera: FloorCamera | None) -> Tr
     near = slice(half - near_cells, half + near_cells + 1)
     height_m = float(person.template_height[near, near].max()) or math.nan
     track = person.existence
-    k = person.kalman
-    (box_px,) = person_boxes(camera, [(k.x_m, k.y_m, height_m)])
-    return TrackState(track.track_id, track.state, k.x_m, k.y_m, k.vx_mps, k.vy_mps, height_m, box_px)
+    kalman = person.kalman
+    (box_px,) = person_boxes(camera, [(*person.at_m, height_m)])
+    return TrackState(
+        track_id=track.track_id,
+        state=track.state,
+        x_m=kalman.x_m,
+        y_m=kalman.y_m,
+        vx_mps=kalman.vx_mps,
+        vy_mps=kalman.vy_mps,
+        height_m=height_m,
+        box_px=box_px,
+    )
 
 
 def _square(at_m: Place, half_m: float) -> F32:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from planview.tracking.base import Observation
-from planview.tracking.detections import BoxTracker, overlaps
+from planview.tracking.detections import BoxTracker
+from planview.tracking.matching import overlaps
 from planview.trajectories.boxes import Detections
 from planview.trajectories.state import TrackState
 

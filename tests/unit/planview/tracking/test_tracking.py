@@ -46,7 +46,7 @@ def test_kalman_learns_a_constant_velocity_and_grows_uncertain_without_measureme
         state = state.predict(0.1, 0.5).update(0.1 * i, -0.05 * i, 0.05)
     assert (state.vx_mps, state.vy_mps) == pytest.approx((1.0, -0.5), abs=0.02)
     assert state.position_std_m < 0.05
-    state = FloorKalman.at(0.0, 0.0, 0.05, 0.0)
+    state = FloorKalman.from_measurement(np.zeros(2), 0.05**2 * np.eye(2), 0.0)
     assert state.predict(0.5, 2.0).position_std_m == pytest.approx(np.hypot(0.05, 2.0 * 0.5**2 / 2))
 
 

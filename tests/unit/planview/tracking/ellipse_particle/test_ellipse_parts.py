@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from calib.ground_camera import GroundCamera
-from planview.tracking.ellipse_particle.fit import fit_ellipses, inside, own_gains, painted, slopes
+from planview.tracking.ellipse_particle.fit import fit_ellipses, inside, own_gains, paint, slopes
 from planview.tracking.ellipse_particle.particles import (
     ANGLE,
     LN_A,
@@ -27,7 +27,7 @@ FIT_SIZE = Size(12.0, 0.0, 1.0, 0.4)
 
 
 def mask_of(*ellipses: tuple[float, ...]) -> np.ndarray:
-    return painted(np.array(ellipses, dtype=np.float64), FIT_SHAPE).any(axis=0).astype(np.float32)
+    return paint(np.array(ellipses, dtype=np.float64), FIT_SHAPE).any(axis=0).astype(np.float32)
 
 
 @pytest.mark.parametrize(
@@ -94,7 +94,7 @@ NOBODY = np.zeros(SHAPE, np.uint8)
 
 
 def union(*places: tuple[float, float]) -> np.ndarray:
-    return painted(np.array([[*place, 10.0, 4.0, 0.0] for place in places]), SHAPE).any(axis=0).view(np.uint8)
+    return paint(np.array([[*place, 10.0, 4.0, 0.0] for place in places]), SHAPE).any(axis=0).view(np.uint8)
 
 
 PER_M = float(SIZE.cells_per_m(np.array(25.0)))
@@ -161,7 +161,7 @@ def learned(frames: list[list[list[float]]], shape: tuple[int, int] = (100, 160)
     """The size by frames of ellipses."""
     learner = SizeLearner()
     for people in frames:
-        learner.add(painted(np.array(people), shape).any(axis=0) * np.uint8(255), None)
+        learner.add(paint(np.array(people), shape).any(axis=0) * np.uint8(255), None)
     return learner.size(shape[1])
 
 
@@ -225,7 +225,7 @@ def test_upright_or_small_people_are_upright_ellipses(angles_deg, half):
 def test_what_does_not_move_teaches_no_size():
     learner, still = SizeLearner(), np.zeros((60, 80), np.uint8)
     for _ in range(20):
-        learner.add(painted(np.array([[40.0, 30, 15, 6, 0]]), (60, 80))[0] * np.uint8(255), still)
+        learner.add(paint(np.array([[40.0, 30, 15, 6, 0]]), (60, 80))[0] * np.uint8(255), still)
     assert learner.size(80) is None
 
 
@@ -233,7 +233,7 @@ def test_samples_stay_bounded():
     rng, learner = np.random.default_rng(0), SizeLearner()
     for k in range(2000):
         people = np.array([[40.0 + k % 60, 50, 15, 5, 0], [120.0, rng.uniform(45, 50), 15, 5, 0]])
-        learner.add(painted(people, (100, 160)).any(axis=0) * np.uint8(255), None)
+        learner.add(paint(people, (100, 160)).any(axis=0) * np.uint8(255), None)
     assert half_in(learner.size(160), 50) == pytest.approx(15, rel=0.1)
 
 

@@ -1,4 +1,4 @@
-"""The ellipse-particle tracker on painted people whose paths are known, and on unusual input."""
+"""The ellipse-particle tracker on paint people whose paths are known, and on unusual input."""
 
 import math
 from itertools import pairwise
@@ -15,7 +15,7 @@ from planview.engine.head import CameraHead, StageClock
 from planview.foreground.params import NO_FEEDBACK, WALKER
 from planview.maps.view import View
 from planview.tracking.base import Observation
-from planview.tracking.ellipse_particle.fit import painted, uncovered
+from planview.tracking.ellipse_particle.fit import find_uncovered, paint
 from planview.tracking.ellipse_particle.tracker import (
     EllipseParticleParams,
     EllipseParticleTracker,
@@ -32,7 +32,7 @@ GIVEN = EllipseParticleParams(size=EllipseSizeParams(person_height_px=30), filte
 def foreground(*people: tuple[float, float]) -> np.ndarray:
     """People 30 px high and 10 px wide, centred at (x, y)."""
     ellipses = np.array([[x, y, 15.0, 5.0, 0.0] for x, y in people]).reshape(-1, 5)
-    return painted(ellipses, SHAPE).any(axis=0) * np.uint8(255)
+    return paint(ellipses, SHAPE).any(axis=0) * np.uint8(255)
 
 
 def masked(
@@ -95,7 +95,7 @@ def test_camera_gives_floor_positions_and_heights():
     camera = GroundCamera(640, 480, 600.0, 3.0, math.radians(70))
     foot, head = camera.project([0.5, 6.0, 0.0]), camera.project([0.5, 6.0, 1.8])
     centre, half = (foot + head) / 2, float(foot[1] - head[1]) / 2
-    mask = painted(np.array([[*centre, half, 0.35 * half, 0.0]]), (480, 640))[0] * np.uint8(255)
+    mask = paint(np.array([[*centre, half, 0.35 * half, 0.0]]), (480, 640))[0] * np.uint8(255)
     params = GIVEN.model_copy(update={"size": EllipseSizeParams(person_height_px=2 * half)})
     state = follow(EllipseParticleTracker(params, camera), [mask] * 8)[-1][0]
     assert (state.x_m, state.y_m) == pytest.approx((0.5, 6.0), abs=0.25)
@@ -177,14 +177,14 @@ def test_who_is_hidden_behind_another_is_predicted_and_found_again():
 
 
 def test_measurements_that_no_object_covers_are_new():
-    measured = painted(np.array([[20.0, 30, 15, 5, 0], [60, 30, 15, 5, 0]]), (60, 80))
-    assert uncovered(measured, measured[:0], 0.35).tolist() == [True, True]
-    assert uncovered(measured, measured[:1], 0.35).tolist() == [False, True]
-    assert uncovered(measured[:0], measured, 0.35).tolist() == []
+    measured = paint(np.array([[20.0, 30, 15, 5, 0], [60, 30, 15, 5, 0]]), (60, 80))
+    assert find_uncovered(measured, measured[:0], 0.35).tolist() == [True, True]
+    assert find_uncovered(measured, measured[:1], 0.35).tolist() == [False, True]
+    assert find_uncovered(measured[:0], measured, 0.35).tolist() == []
     # One object across two measurements that are apart has one of them.
-    twins = painted(np.array([[20.0, 30, 15, 5, 0], [29, 30, 15, 5, 0]]), (60, 80))
-    across = painted(np.array([[24.5, 30, 15, 5, 0]]), (60, 80))
-    assert uncovered(twins, across, 0.35).sum() == 1
+    twins = paint(np.array([[20.0, 30, 15, 5, 0], [29, 30, 15, 5, 0]]), (60, 80))
+    across = paint(np.array([[24.5, 30, 15, 5, 0]]), (60, 80))
+    assert find_uncovered(twins, across, 0.35).sum() == 1
 
 
 @pytest.mark.parametrize("first", [False, True], ids=["while tracking", "beforehand"])
