@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -13,6 +14,7 @@ from calib.params import Params, first_problem
 from planview.engine.config import Config, config_of, load_config
 from planview.output.run_folder import RunFolder
 from planview.trajectories.formats import load_tracks, tracks_file
+from planview.trajectories.identities import with_ids_judged
 from planview.trajectories.table import Trajectories
 from stereo.readers import OpenOptions
 
@@ -91,13 +93,16 @@ def in_range(argument: str, value: float, least: float, most: float, unit: str =
 
 
 def table_of(tracks: Trajectories | DataFrame) -> Trajectories:
-    """Tracks that may be a table of pandas. Raises InputError: what is no table."""
-    if isinstance(tracks, Trajectories):
-        return tracks
-    if not hasattr(tracks, "columns"):
-        found = type(tracks).__name__
-        raise InputError(f"expected a table (Trajectories or DataFrame), a file or a folder, found {found}")
-    return Trajectories.from_dataframe(tracks)
+    """Tracks that may be a table of pandas, judged as those of a file are. Raises InputError: what is no table."""
+    if not isinstance(tracks, Trajectories):
+        if not hasattr(tracks, "columns"):
+            found = type(tracks).__name__
+            raise InputError(f"expected a table (Trajectories or DataFrame), a file or a folder, found {found}")
+        tracks = Trajectories.from_dataframe(tracks)
+    table, notes = with_ids_judged(tracks)
+    for note in notes:
+        warnings.warn(note, stacklevel=3)
+    return table
 
 
 def read_or_given(tracks: Trajectories | DataFrame | Path | str) -> tuple[Trajectories, RunFolder | None]:

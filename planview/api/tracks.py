@@ -213,7 +213,7 @@ def export(
         raise InputError("expected a file for a table of tracks, found None", argument="out")
     path = Path(out) if out is not None else file.with_name(f"{file.stem}_{to}{FORMATS[to].suffix}")  # type: ignore[union-attr]
     rate = written.fps or 0.0
-    people = people_of(written.table, 1.0 / rate if run is None else run.frame_s)
+    people = people_of(found.table, 1.0 / rate if run is None else run.frame_s)
     exported = Exported(path, len(written.table), len(people), rate)
     if path == Path("-"):
         if to != "jsonl":

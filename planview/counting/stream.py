@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Container, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, NamedTuple
 
@@ -15,6 +15,7 @@ from calib.carried import Carried
 from calib.types import F64, I64, Bool
 from planview.counting.events import Direction, Event, EventKind
 from planview.counting.rules import AnalyticsParams, Outline, Placed, PlaneName, Rules
+from planview.trajectories.ends import BOX_M, has_ended, is_jump
 from planview.trajectories.state import TrackState
 from planview.trajectories.table import Trajectories, WordColumn
 
@@ -45,24 +46,25 @@ class TrackPlaces:
         floor_m = np.column_stack([tracks.x_m[rows], tracks.y_m[rows]])
         return TrackPlaces(tracks.track_id[rows], tracks.state[rows], floor_m, tracks.box_px[rows])
 
-    @property
-    def observed(self) -> Bool:
-        """(N,) whether a row has a place and is more than a prediction."""
-        return np.asarray((self.state != "lost") & np.isfinite(self.metres().sum(axis=1)))
-
     def within(self, plane: PlaneName) -> tuple[F64, F64, F64]:
         """(N,) x and y in a plane and its units per metre there, NaN where unknown: on the floor, or of the foot in the
         image, the middle of the box's lower edge."""
         if plane == "floor":
             return self.floor_m[:, 0], self.floor_m[:, 1], np.ones(len(self.floor_m))
         left, top, width, height = self.box_px.T
-        # Height that a box is taken to show where only boxes are known: it gives metres to pixels [m].
-        return left + width / 2, top + height, np.where(height > 0, height / 1.7, np.nan)
+        return left + width / 2, top + height, np.where(height > 0, height / BOX_M, np.nan)
 
-    def metres(self) -> F64:
-        """(N, 2) places in metres: on the floor where known, else from the image."""
-        x, y, unit = self.within("image")
-        return np.where(np.isfinite(self.floor_m[:, :1]), self.floor_m, np.column_stack([x, y]) / unit[:, None])
+    def best(self) -> tuple[F64, F64, F64]:
+        """(N,) x, y and units per metre on the floor where that is known, else in the image."""
+        on_floor = np.isfinite(self.floor_m).all(axis=1)
+        planes = zip(self.within("floor"), self.within("image"), strict=True)
+        x, y, per_m = (np.where(on_floor, floor, image) for floor, image in planes)
+        return x, y, per_m
+
+    def observed(self) -> Bool:
+        """(N,) whether a row has a place and is more than a prediction."""
+        x, y, per_m = self.best()
+        return np.asarray((self.state != "lost") & np.isfinite(x + y + per_m))
 
 
 class Sight(NamedTuple):
@@ -74,15 +76,19 @@ class Sight(NamedTuple):
     inside_m: float
     along: float = 0.0
 
+    def is_opposite(self, later: Sight) -> bool:
+        """Whether the rule lies between two sightings."""
+        return (self.inside_m >= 0) != (later.inside_m >= 0)
+
     def share_to(self, later: Sight) -> float:
         """Where between two sightings on different sides the rule is passed, from 0 to 1."""
         return self.inside_m / (self.inside_m - later.inside_m)
 
     def passed(self, later: Sight) -> tuple[int, float]:
         """The first frame at or after the rule is passed, and the moment."""
-        part = self.share_to(later)
-        moment = self.timestamp_s + part * (later.timestamp_s - self.timestamp_s)
-        return math.ceil(self.frame + part * (later.frame - self.frame)), moment
+        share = self.share_to(later)
+        moment = self.timestamp_s + share * (later.timestamp_s - self.timestamp_s)
+        return math.ceil(self.frame + share * (later.frame - self.frame)), moment
 
 
 class Passage(NamedTuple):
@@ -94,9 +100,6 @@ class Passage(NamedTuple):
     direction: Direction = ""
 
 
-JUMP_M, JUMP_MPS = 1.0, 8.0
-"""A step over a line that is longer [m] and faster [m/s] is a correction by the tracker and not a movement (ten times
-the noise of a good tracker, and a sprint)."""
 UNDO_S = 2.0
 """A jump back over the line within this time of a crossing waits as long before it counts [s]."""
 
@@ -105,16 +108,24 @@ class Wire:
     """A tripwire of (2, 2) points; on its sides, a person counts from ``hysteresis_m`` away."""
 
     def __init__(self, name: str, points: F64, plane: PlaneName, hysteresis_m: float, min_age_s: float) -> None:
-        self.name, self.plane, self.hysteresis_m, self.min_age_s = name, plane, hysteresis_m, min_age_s
+        self.name = name
+        self.plane = plane
+        self.hysteresis_m = hysteresis_m
+        self.min_age_s = min_age_s
         self._start: list[float] = points[0].tolist()
         self._length = float(np.hypot(*(points[1] - points[0])))
         self._ahead: list[float] = ((points[1] - points[0]) / self._length).tolist()
         self._left_sign = 1.0 if plane == "floor" else -1.0  # y points down in images
 
+    def new_state(self) -> WireState:
+        """A person who has not been seen at the wire."""
+        return WireState(self.hysteresis_m, self.min_age_s)
+
     def locate(self, places: TrackPlaces) -> tuple[F64, F64]:
         """(N,) distance left of the line [m], and place along it from 0 to 1; NaN when not known in this plane."""
         x, y, unit = places.within(self.plane)
-        dx, dy = x - self._start[0], y - self._start[1]
+        dx = x - self._start[0]
+        dy = y - self._start[1]
         ahead = self._ahead[0] * dx + self._ahead[1] * dy
         left = self._left_sign * (self._ahead[0] * dy - self._ahead[1] * dx)
         return left / unit, np.where(np.isfinite(x + y + unit), ahead / self._length, np.nan)
@@ -137,7 +148,7 @@ class WireState:
     net: int = 0
     """Steps through the wire since then, 1 to the left, -1 to the right."""
     step: tuple[int, float, bool] = (0, 0.0, False)
-    """The last of them: first frame after it, moment, whether too fast for a person."""
+    """The last of them: first frame after it, moment, whether nobody walks so fast."""
     crossed_s: float = -math.inf
     waiting: tuple[Passage, float] | None = None
     """A crossing in a jump, and how long it waits [s]."""
@@ -148,29 +159,45 @@ class WireState:
         """The crossing that is certain now; dated to when the line was passed."""
         if not math.isfinite(along):
             return None
-        last, now, side = self.last, Sight(frame, timestamp_s, side_m, along), 1 if side_m >= 0 else -1
-        self.last, crossing = now, None
-        is_over = last is not None and (last.inside_m >= 0) != (side_m >= 0)
-        # Beyond the ends of the wire its extension is passed, which does not count.
-        if last and is_over and 0.0 <= last.along + last.share_to(now) * (along - last.along) <= 1.0:
-            step_m, step_s = abs(side_m - last.inside_m), timestamp_s - last.timestamp_s
-            self.step = *last.passed(now), step_m > JUMP_M and step_m > JUMP_MPS * step_s
-            self.net += side
-        if abs(side_m) >= self.hysteresis_m:
-            if self.side == -side and self.net * side > 0:
-                first, moment, is_jump = self.step
-                crossing = Passage(first, moment, "crossing", "right_to_left" if side > 0 else "left_to_right")
-                if self.waiting is not None:
-                    crossing = self.waiting = None
-                elif is_jump:  # soon after a crossing it is likely to be its undoing
-                    is_soon = moment - self.crossed_s <= UNDO_S
-                    self.waiting, crossing = (crossing, UNDO_S if is_soon else self.min_age_s), None
-            self.side, self.net = side, 0
+        now = Sight(frame, timestamp_s, side_m, along)
+        if self.last is not None:
+            self._step_to(self.last, now)
+        self.last = now
+        crossing = self._crossing_to(1 if side_m >= 0 else -1) if abs(side_m) >= self.hysteresis_m else None
         if self.waiting is not None and timestamp_s - self.waiting[0].timestamp_s >= self.waiting[1]:
-            crossing, self.waiting = self.waiting[0], None
+            crossing = self.waiting[0]
+            self.waiting = None
         if crossing is not None:
             self.crossed_s = crossing.timestamp_s
         return crossing
+
+    def _step_to(self, last: Sight, now: Sight) -> None:
+        """Remember a step through the wire; beyond the wire's ends its extension is passed, which does not count."""
+        if not last.is_opposite(now):
+            return
+        along = last.along + last.share_to(now) * (now.along - last.along)
+        if 0.0 <= along <= 1.0:
+            step_s = now.timestamp_s - last.timestamp_s
+            self.step = *last.passed(now), is_jump(step_s, abs(now.inside_m - last.inside_m))
+            self.net += 1 if now.inside_m >= 0 else -1
+
+    def _crossing_to(self, side: int) -> Passage | None:
+        """The crossing to a side on which the person is now far enough from the line; None where it waits."""
+        has_crossed = self.side == -side and self.net * side > 0
+        self.side = side
+        self.net = 0
+        if not has_crossed:
+            return None
+        if self.waiting is not None:
+            self.waiting = None
+            return None
+        frame, moment, in_jump = self.step
+        crossing = Passage(frame, moment, "crossing", "right_to_left" if side > 0 else "left_to_right")
+        if not in_jump:
+            return crossing
+        is_soon = moment - self.crossed_s <= UNDO_S  # then it is likely to undo that crossing
+        self.waiting = crossing, UNDO_S if is_soon else self.min_age_s
+        return None
 
 
 @dataclass(eq=False)
@@ -193,18 +220,24 @@ class Area:
     """A zone of (N, 2) corners; a person is inside or outside from ``hysteresis_m`` beyond the outline."""
 
     def __init__(self, name: str, points: F64, plane: PlaneName, hysteresis_m: float, min_age_s: float) -> None:
-        self.name, self.plane, self.min_age_s = name, plane, min_age_s
+        self.name = name
+        self.plane = plane
+        self.min_age_s = min_age_s
         self._outline = Outline(points)
         self._hysteresis_m = hysteresis_m
         # People in the middle of a narrow zone are inside.
         self._margin_limit = 0.25 * self._outline.inner_radius()
 
+    def new_state(self) -> AreaState:
+        """A person who has not been seen at the zone."""
+        return AreaState()
+
     def locate(self, places: TrackPlaces) -> tuple[F64, F64]:
         """(N,) depth inside (negative outside) and the margin that decides [m]; NaN when not known in this plane."""
         x, y, unit = places.within(self.plane)
         margin = np.minimum(self._hysteresis_m, self._margin_limit / unit)
-        known = np.isfinite(x + y + unit)
-        return self._outline.depth(x, y) / unit, np.where(known, margin, np.nan)
+        is_known = np.isfinite(x + y + unit)
+        return self._outline.depth(x, y) / unit, np.where(is_known, margin, np.nan)
 
 
 @dataclass(eq=False)
@@ -219,10 +252,11 @@ class AreaState:
         """An entry or exit once the person is far enough in or out, dated to when the outline was passed."""
         if not math.isfinite(margin_m):
             return None
-        now, before = Sight(frame, timestamp_s, depth_m), self.last
-        if before is not None and (before.inside_m >= 0) != (depth_m >= 0):
-            self.passed = before.passed(now)
+        now = Sight(frame, timestamp_s, depth_m)
+        before = self.last
         self.last = now
+        if before is not None and before.is_opposite(now):
+            self.passed = before.passed(now)
         if self.stay is None:
             if before is None and depth_m >= 0:
                 self.stay = Stay(timestamp_s, timestamp_s, entered=False)
@@ -231,7 +265,8 @@ class AreaState:
                 return Passage(*self.passed, "entry")
             return None
         if depth_m <= -margin_m and depth_m < 0:
-            self.stay.end_s, self.stay.left = self.passed[1], True
+            self.stay.end_s = self.passed[1]
+            self.stay.left = True
             self.stay = None
             return Passage(*self.passed, "exit")
         self.stay.end_s = timestamp_s
@@ -239,14 +274,25 @@ class AreaState:
 
 
 class TrackRow(NamedTuple):
-    """One track in one frame; ``at_rules``: two numbers per rule, as ``Wire.locate`` and ``Area.locate`` give them."""
+    """One track in one frame: its place and units per metre (``TrackPlaces.best``), and two numbers per rule, as
+    ``Wire.locate`` and ``Area.locate`` give them."""
 
     track_id: int
     confirmed: bool
     observed: bool
-    x_m: float
-    y_m: float
+    x: float
+    y: float
+    per_m: float
     at_rules: tuple[float, ...]
+
+
+class Seen(NamedTuple):
+    """A place where a person was seen."""
+
+    timestamp_s: float
+    x: float
+    y: float
+    per_m: float
 
 
 @dataclass(eq=False)
@@ -263,8 +309,8 @@ class CountedPerson:
     """Time of the last row, predictions included [s]."""
     row: TrackRow | None = None
     """The row of this frame; None where the person is only predicted."""
-    trail: deque[tuple[float, float, float]] = field(default_factory=deque)
-    """Times [s] and places [m] of the last sightings, newest last."""
+    trail: deque[Seen] = field(default_factory=deque)
+    """The last sightings, newest last."""
     events: list[Event] = field(default_factory=list)
     """These wait until the person is old enough for their rule, as do ``stays``."""
     stays: list[tuple[str, Stay]] = field(default_factory=list)
@@ -272,19 +318,39 @@ class CountedPerson:
     """Rules at which the person is counted already."""
 
     def observe(self, timestamp_s: float, row: TrackRow) -> None:
-        self.track_id, self.present_s, self.row = row.track_id, timestamp_s, row
+        """Take the row of a frame."""
+        self.track_id = row.track_id
+        self.present_s = timestamp_s
+        self.row = row
         if row.confirmed and self.confirmed_s is None:
             self.confirmed_s = timestamp_s
-        self.trail.append((timestamp_s, row.x_m, row.y_m))
+        self.trail.append(Seen(timestamp_s, row.x, row.y, row.per_m))
         # Sightings of half a second give the velocity.
-        while len(self.trail) > 2 and timestamp_s - self.trail[1][0] >= 0.5:
+        while len(self.trail) > 2 and timestamp_s - self.trail[1].timestamp_s >= 0.5:
             self.trail.popleft()
 
-    def predicted(self, timestamp_s: float) -> tuple[float, float]:
-        """Place at a later time at constant velocity [m]."""
-        (t0, x0, y0), (t1, x1, y1) = self.trail[0], self.trail[-1]
-        gain = (timestamp_s - t1) / (t1 - t0) if t1 > t0 else 0.0
-        return x1 + gain * (x1 - x0), y1 + gain * (y1 - y0)
+    def has_ended(self, timestamp_s: float, row: TrackRow) -> bool:
+        """Whether a row of the same id begins another track."""
+        last = self.trail[-1]
+        moved_m = _apart_m(last, row.x - last.x, row.y - last.y, row)
+        return has_ended(timestamp_s - self.present_s, timestamp_s - last.timestamp_s, moved_m)
+
+    def away_m(self, timestamp_s: float, row: TrackRow) -> float:
+        """Distance of a row from where the person would be then at constant velocity [m]."""
+        first = self.trail[0]
+        last = self.trail[-1]
+        span_s = last.timestamp_s - first.timestamp_s
+        gain = (timestamp_s - last.timestamp_s) / span_s if span_s > 0 else 0.0
+        x = last.x + gain * (last.x - first.x)
+        y = last.y + gain * (last.y - first.y)
+        return _apart_m(last, row.x - x, row.y - y, row)
+
+
+def _apart_m(seen: Seen, dx: float, dy: float, row: TrackRow) -> float:
+    """A distance in metres; 0 between the floor and the image, where none is known."""
+    if (seen.per_m == 1.0) != (row.per_m == 1.0):
+        return 0.0
+    return math.hypot(dx, dy) / max(seen.per_m, row.per_m)
 
 
 class Analytics(Carried):
@@ -294,21 +360,31 @@ class Analytics(Carried):
     (``planview.counting.totals``). ``people`` has each person once per rule and visit, however often it is crossed.
     """
 
-    CARRIED = "_of_id", "stays", "people"
-    RECORDS = CountedPerson, WireState, AreaState, Sight, Passage, Event, Stay, TrackRow
+    CARRIED = "_of_id", "_ended", "stays", "people"
+    RECORDS = CountedPerson, WireState, AreaState, Sight, Seen, Passage, Event, Stay, TrackRow
 
     def __init__(self, rules: Rules, params: AnalyticsParams | None = None) -> None:
         self.rules = rules
-        self.params = p = params or AnalyticsParams()
-        self._rules: list[Wire | Area] = [
-            *(Wire(*self._settled(rule, p.hysteresis_m)) for rule in rules.tripwires),
-            *(Area(*self._settled(rule, p.zone_hysteresis_m)) for rule in rules.zones),
-        ]
+        self.params = params or AnalyticsParams()
+        self._rules: list[Wire | Area] = []
+        for rule in rules.tripwires:
+            points = rule.points if rule.counted is None else rule.counted
+            self._rules.append(Wire(rule.name, points, rule.plane, *self._limits(rule, self.params.hysteresis_m)))
+        for rule in rules.zones:
+            limits = self._limits(rule, self.params.zone_hysteresis_m)
+            self._rules.append(Area(rule.name, rule.points, rule.plane, *limits))
         self.reset()
+
+    def _limits(self, rule: Placed, hysteresis_m: float) -> tuple[float, float]:
+        """A rule's own hysteresis and age, or those of all rules."""
+        margin_m = hysteresis_m if rule.hysteresis_m is None else rule.hysteresis_m
+        age_s = self.params.min_age_s if rule.min_age_s is None else rule.min_age_s
+        return margin_m, age_s
 
     def reset(self) -> None:
         """Forget everybody."""
         self._of_id: dict[int, CountedPerson] = {}
+        self._ended: list[CountedPerson] = []  # whose id is used again, or no more
         self.stays: dict[str, list[Stay]] = {zone.name: [] for zone in self.rules.zones}
         self.people: dict[str, int] = dict.fromkeys((rule.name for rule in self._rules), 0)
 
@@ -322,7 +398,7 @@ class Analytics(Carried):
     def rows(self, places: TrackPlaces) -> list[TrackRow]:
         """Rows of tracks, of any number of frames, with where they are at every rule."""
         at_rules = [column.tolist() for rule in self._rules for column in rule.locate(places)]
-        columns = (places.track_id, places.state == "confirmed", places.observed, *places.metres().T)
+        columns = places.track_id, places.state == "confirmed", places.observed(), *places.best()
         return list(map(TrackRow, *(column.tolist() for column in columns), zip(*at_rules, strict=True)))
 
     def update_rows(self, frame: int, timestamp_s: float, rows: Sequence[TrackRow]) -> tuple[Event, ...]:
@@ -330,79 +406,95 @@ class Analytics(Carried):
         events: list[Event] = []
         for person in self._present(timestamp_s, rows):
             if person.row is not None:
-                values = iter(person.row.at_rules)
-                for rule, state in zip(self._rules, person.states, strict=True):
-                    before = state.stay
-                    passage = state.update(frame, timestamp_s, next(values), next(values))
-                    if passage is not None:
-                        first, moment, kind, way = passage
-                        person.events.append(Event(first, moment, rule.name, kind, person.track_id, way))
-                    if state.stay is not None and before is None:
-                        person.stays.append((rule.name, state.stay))
+                self._apply_rules(frame, timestamp_s, person, iter(person.row.at_rules))
             if person.confirmed_s is not None and (person.events or person.stays):
                 events += self._release(person, timestamp_s - person.confirmed_s)
-        return tuple(sorted(events, key=lambda e: e.timestamp_s))
+        return tuple(sorted(events, key=lambda event: event.timestamp_s))
+
+    def _apply_rules(self, frame: int, timestamp_s: float, person: CountedPerson, at_rules: Iterator[float]) -> None:
+        """Take where a person is at every rule in this frame."""
+        for rule, state in zip(self._rules, person.states, strict=True):
+            before = state.stay
+            passage = state.update(frame, timestamp_s, next(at_rules), next(at_rules))
+            if passage is not None:
+                first, moment, kind, way = passage
+                person.events.append(Event(first, moment, rule.name, kind, person.track_id, way))
+            if state.stay is not None and before is None:
+                person.stays.append((rule.name, state.stay))
 
     def _present(self, timestamp_s: float, rows: Sequence[TrackRow]) -> list[CountedPerson]:
-        """The people of the next frame; those gone for good are forgotten."""
+        """The people of the next frame."""
+        self._forget(timestamp_s)
         present: dict[CountedPerson, None] = {}
-        of_id = self._of_id
 
         def precedence(row: TrackRow) -> tuple[int, int]:
             # The current id of a person, other known ids, new ids: so a person observed in this frame is not stitched
             # to a new id, and an old id that comes back after a new one took over does not take the person back.
-            person = of_id.get(row.track_id)
+            person = self._of_id.get(row.track_id)
             return (2 if person is None else int(person.track_id != row.track_id)), row.track_id
 
         for row in sorted([row for row in rows if row.observed], key=precedence):
-            person = of_id.get(row.track_id) or self._stitched(timestamp_s, row, present)
-            if person is None or person in present:
-                person = CountedPerson(row.track_id, [
-                    WireState(rule.hysteresis_m, rule.min_age_s) if isinstance(rule, Wire) else AreaState()
-                    for rule in self._rules
-                ])  # fmt: skip
-            of_id[row.track_id] = person
+            person = self._person_of(timestamp_s, row, present)
+            self._of_id[row.track_id] = person
             person.observe(timestamp_s, row)
             present[person] = None
         for row in rows:
-            person = None if row.observed else of_id.get(row.track_id)
-            if person is not None and person not in present:
-                person.present_s, person.row, present[person] = timestamp_s, None, None
-        limit = timestamp_s - self.params.stitch_s
-        self._of_id = {key: person for key, person in of_id.items() if person.present_s >= limit}
+            hidden = None if row.observed else self._of_id.get(row.track_id)
+            if hidden is not None and hidden not in present:
+                hidden.present_s = timestamp_s
+                hidden.row = None
+                present[hidden] = None
         return list(present)
+
+    def _forget(self, timestamp_s: float) -> None:
+        """Let tracks end that have had no row for long, and forget those that no other track can continue."""
+        for track_id, person in list(self._of_id.items()):
+            if has_ended(timestamp_s - person.present_s):
+                self._ended.append(self._of_id.pop(track_id))
+        earliest_s = timestamp_s - self.params.stitch_s
+        self._ended = [person for person in self._ended if person.present_s >= earliest_s]
+
+    def _person_of(self, timestamp_s: float, row: TrackRow, present: Container[CountedPerson]) -> CountedPerson:
+        """Whom a row shows: who has its id, who walked to its place under another id, or somebody new."""
+        person = self._of_id.get(row.track_id)
+        if person is not None and person not in present and person.has_ended(timestamp_s, row):
+            self._ended.append(self._of_id.pop(row.track_id))
+            person = None
+        if person is None:
+            person = self._stitched(timestamp_s, row, present)
+        if person is None or person in present:
+            person = CountedPerson(row.track_id, [rule.new_state() for rule in self._rules])
+        return person
 
     def _stitched(self, timestamp_s: float, row: TrackRow, present: Container[CountedPerson]) -> CountedPerson | None:
         """The unobserved person predicted nearest to the place of a new track, within stitch_m and stitch_s."""
-        best, nearest = None, self.params.stitch_m
-        for person in dict.fromkeys(self._of_id.values()):
-            gap = timestamp_s - person.trail[-1][0]
-            if person in present or not 0 < gap <= self.params.stitch_s:
+        best = None
+        nearest_m = self.params.stitch_m
+        for person in dict.fromkeys([*self._of_id.values(), *self._ended]):
+            gap_s = timestamp_s - person.trail[-1].timestamp_s
+            if person in present or not 0 < gap_s <= self.params.stitch_s:
                 continue
-            x, y = person.predicted(timestamp_s)
-            distance = math.hypot(row.x_m - x, row.y_m - y)
-            if distance <= nearest:
-                best, nearest = person, distance
+            away_m = person.away_m(timestamp_s, row)
+            if away_m <= nearest_m:
+                best = person
+                nearest_m = away_m
         return best
 
     def _release(self, person: CountedPerson, age_s: float) -> list[Event]:
         """Events of a confirmed person old enough for their rules; stays count from the same time."""
         ready = {rule.name for rule in self._rules if age_s >= rule.min_age_s}
+        released: list[Event] = []
+        for event in person.events:
+            if event.rule in ready:
+                released.append(event if event.track_id > 0 else replace(event, track_id=person.track_id))
+        visited = {event.rule for event in released}
         for name, stay in person.stays:
             if name in ready:
                 self.stays[name].append(stay)
-        events = [e if e.track_id > 0 else replace(e, track_id=person.track_id) for e in person.events]
-        released = [event for event in events if event.rule in ready]
-        visited = {event.rule for event in released} | {name for name, _ in person.stays if name in ready}
+                visited.add(name)
         for name in visited - person.visited:
             self.people[name] += 1
         person.visited |= visited
         person.stays = [(name, stay) for name, stay in person.stays if name not in ready]
         person.events = [event for event in person.events if event.rule not in ready]
         return released
-
-    def _settled(self, rule: Placed, hysteresis_m: float) -> tuple[str, F64, PlaneName, float, float]:
-        """Name, points and plane of a rule, with its own hysteresis and age or those of all rules."""
-        margin_m = hysteresis_m if rule.hysteresis_m is None else rule.hysteresis_m
-        age_s = self.params.min_age_s if rule.min_age_s is None else rule.min_age_s
-        return rule.name, rule.points if rule.counted is None else rule.counted, rule.plane, margin_m, age_s

@@ -37,6 +37,7 @@ from planview.evaluation.significant import (
     significant_errors,
     strict_identity_changes,
 )
+from planview.trajectories.ends import track_numbers
 from planview.trajectories.state import SURE_FACING
 from planview.trajectories.table import (
     IGNORED,
@@ -345,7 +346,7 @@ def facing_errors(facing_deg: F64, confidence: F64, truth: Trajectories, velocit
 def velocities(table: Trajectories, frame_s: float) -> F64:
     """(N, 2) velocities of the rows of a table [m/s], from places STEP_S before and after; NaN for a single row."""
     velocity = np.full((len(table), 2), np.nan)
-    for _, rows in rows_by_id(table.track_id):
+    for _, rows in rows_by_id(track_numbers(table, table.frame.astype(np.float64) * frame_s)):
         times = table.frame[rows] * frame_s
         before, after = np.maximum(times - STEP_S, times[0]), np.minimum(times + STEP_S, times[-1])
         span = np.where(after > before, after - before, np.nan)

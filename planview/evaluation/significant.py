@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 
 from calib.types import I64, Bool
+from planview.trajectories.ends import HIDDEN_S, has_ended
 
 ErrorKind = Literal["lost", "missed", "swapped", "transferred", "false_track"]
 UNMATCHED = -1
@@ -37,11 +38,8 @@ track [s]: the paper reports predictions, too. Equal to FALSE_TRACK_S."""
 PERSIST_S = 0.5
 """An identity held for less is a flicker between people that touch: it neither makes nor ends an error [s]. Longer than
 two people need to pass within arm's length, shorter than any use made of an identity."""
-GONE_S = 4.0
-"""Not visible for longer ends a visit: afterwards a new id is right [s]. Harville 2002, section 4: people lost for
-longer are gone."""
-EXCHANGE_S = 4.0
-"""Two people taking each other's identities within this time are one swap [s]. Equal to GONE_S."""
+EXCHANGE_S = HIDDEN_S
+"""Two people taking each other's identities within this time are one swap [s]."""
 EVENT_S = 2.0
 """Errors that begin within this time of an event's first one, and concern its people or tracks, belong to it [s].
 One bad moment of people in contact costs several errors and is over by then."""
@@ -150,8 +148,8 @@ def poisson_upper(count: int, confidence: float = 0.95) -> float:
 
 
 def split_visits(person: PersonHistory, frame_s: float) -> list[PersonHistory]:
-    """The history cut where the person did not count for more than GONE_S."""
-    cuts = np.flatnonzero(np.diff(person.frame) * frame_s > GONE_S) + 1
+    """The history cut where the person did not count for longer than people are hidden; then a new id is right."""
+    cuts = np.flatnonzero(has_ended(np.diff(person.frame) * frame_s)) + 1
     frames, ids = np.split(person.frame, cuts), np.split(person.track_id, cuts)
     return [PersonHistory(person.truth_id, f, i) for f, i in zip(frames, ids, strict=True) if len(f)]
 
@@ -159,7 +157,7 @@ def split_visits(person: PersonHistory, frame_s: float) -> list[PersonHistory]:
 def strict_identity_changes(people: list[PersonHistory], frame_s: float) -> int:
     """Every change of a person's identity over the whole recording, however long the person was away.
 
-    Stricter than the paper's count: a new id after ``GONE_S`` counts, and an exchange counts for both people.
+    Stricter than the paper's count: a new id after ``HIDDEN_S`` counts, and an exchange counts for both people.
     A person whose first id was another person's before counts, too. Identities held for less than ``PERSIST_S`` are
     left out; CLEAR's switches count these.
     """

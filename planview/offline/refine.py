@@ -22,6 +22,8 @@ from planview.tracking import body
 from planview.tracking.explain.identity import KNOWN_LOG_ODDS
 from planview.tracking.joint.ranges import JointParams
 from planview.tracking.kalman import FloorKalman
+from planview.trajectories.clock import USUAL_FPS, Clock
+from planview.trajectories.ends import track_numbers
 from planview.trajectories.table import Trajectories, concatenated, rows_by_id
 
 POSITION_STD_M = 0.05
@@ -83,18 +85,15 @@ def refine(tracks: Trajectories) -> Refined:
     """Refine the tracks of a finished recording.
 
     No row is added and no state changes: only ids of joined tracks and positions up to the last confirmed row of a
-    person. Predictions of a track end where the one that continues it begins. Tracks never confirmed stay as they are.
-    Where no row has a time, there are 30 frames per second. Raises InputError: confirmed rows without floor positions.
+    person. Predictions of a track end where the one that continues it begins. Tracks never confirmed stay as they are,
+    and nobody is smoothed across the end of a track. Where no row has a time, there are 30 frames per second. Raises
+    InputError: confirmed rows without floor positions.
     """
     confirmed = tracks.where(tracks.state == "confirmed")
     if not np.isfinite(confirmed.x_m + confirmed.y_m).all():
         raise InputError("expected floor positions in all confirmed rows to refine them, found rows without")
-    known_s = np.isfinite(tracks.timestamp_s)
-    untimed = not known_s.any()
-    times_s = tracks.frame / 30.0
-    if not untimed:
-        times_s = np.interp(tracks.frame, tracks.frame[known_s], tracks.timestamp_s[known_s])
-    tracks = replace(tracks, timestamp_s=times_s)
+    untimed = not np.isfinite(tracks.timestamp_s).any()
+    tracks = replace(tracks, timestamp_s=Clock(tracks, USUAL_FPS).at(tracks.frame))
     own = {i: tracks.where(rows) for i, rows in rows_by_id(tracks.track_id)}
     known = [table for table in own.values() if (table.state == "confirmed").any()]
     known.sort(key=lambda table: int(table.frame[0]))
@@ -164,16 +163,25 @@ def _measured(own: Trajectories) -> Bool:
 
 
 def _smoothed_path(path: Trajectories) -> tuple[Trajectories, Change]:
-    """The rows of one person, smoothed from the first measured to the last confirmed one."""
-    measured = _measured(path)
-    first, last = int(np.flatnonzero(measured)[0]), int(np.flatnonzero(path.state == "confirmed")[-1])
-    within, measured = slice(first, last + 1), measured[first : last + 1]
-    before, velocity = np.column_stack([path.x_m, path.y_m]), path.velocity_mps.copy()
-    after = before.copy()
-    after[within], velocity[within] = smoothed(path.timestamp_s[within], before[within], measured)
-    moved_m = np.hypot(*(after - before)[within][measured].T)
+    """The rows of one person, smoothed from the first measured to the last confirmed one, each track by itself."""
+    is_measured = _measured(path)
+    last = int(np.flatnonzero(path.state == "confirmed")[-1])
+    before_m = np.column_stack([path.x_m, path.y_m])
+    after_m = before_m.copy()
+    velocity = path.velocity_mps.copy()
+    for _, rows in rows_by_id(track_numbers(path, path.timestamp_s)):
+        starts = rows[is_measured[rows] & (rows <= last)]
+        if not len(starts):
+            continue
+        within = rows[(rows >= starts[0]) & (rows <= last)]
+        places_m, velocities = smoothed(path.timestamp_s[within], before_m[within], is_measured[within])
+        after_m[within] = places_m
+        velocity[within] = velocities
+    first = int(np.flatnonzero(is_measured)[0])
+    counted = np.flatnonzero(is_measured[: last + 1])
+    moved_m = np.hypot(*(after_m - before_m)[counted].T)
     change = Change(
         int(path.track_id[0]), int(path.frame[first]), int(path.frame[last]), "smooth",
         "root mean square movement of the measured rows [m]", float(np.sqrt((moved_m**2).mean())),
     )  # fmt: skip
-    return replace(path, x_m=after[:, 0], y_m=after[:, 1], velocity_mps=velocity), change
+    return replace(path, x_m=after_m[:, 0], y_m=after_m[:, 1], velocity_mps=velocity), change

@@ -360,8 +360,8 @@ class _Run:
         recording = self._engine.recording
         skipped = skipped_between(self._engine, self._options.first_frame, self._options.last_frame)
         frame_s = 1 / recording.fps
-        frames_of_people = np.array(list(totals.people.values()), dtype=np.int64)
-        people = int(is_person(frames_of_people, frame_s).sum())
+        confirmed_s = frame_s * np.array(list(totals.people.values()), dtype=np.float64)
+        people = int(is_person(confirmed_s).sum())
         changes: dict[str, Any] = {
             "state": state,
             "finished": state == "finished",

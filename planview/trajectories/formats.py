@@ -21,13 +21,13 @@ from planview.trajectories import layouts, rows
 from planview.trajectories.boxes import named_columns, read_motchallenge, write_motchallenge
 from planview.trajectories.clock import Clock
 from planview.trajectories.file import TrajectoryFile, checked_rate, measured_rate, surrounding_area
+from planview.trajectories.identities import with_ids_judged, with_paths_apart
 from planview.trajectories.table import (
     Trajectories,
     doubt,
     frame_times,
     read_tracks,
     read_truth,
-    with_times_judged,
     write_table,
 )
 
@@ -65,7 +65,7 @@ def load_file(path: Path, *, truth: bool = False) -> TrajectoryFile:
     file = _load(path, truth)
     if file.fps is not None and not np.isfinite(file.table.timestamp_s).any():
         file = replace(file, table=replace(file.table, timestamp_s=file.table.frame / file.fps))
-    table, notes = with_times_judged(file.table)
+    table, notes = with_ids_judged(file.table)
     file = replace(file, table=table)
     for sentence in filter(None, (file.note, *notes, doubt(table))):
         warnings.warn(f"{path}: {sentence}", stacklevel=2)
@@ -120,13 +120,20 @@ def _unpacked(path: Path, truth: bool) -> TrajectoryFile:
 
 
 class ExportFormat(NamedTuple):
-    """Its usual ending, its writer, and whether it keeps the state of a row (else it holds confirmed rows) and needs
-    floor positions."""
+    """A format to write.
+
+    Attributes:
+        suffix: its usual ending.
+        keeps_state: whether rows have their state; else it holds confirmed rows.
+        needs_floor: whether rows need a position on the floor.
+        is_of_paths: whether an id stands for one walk, so that each track has its own.
+    """
 
     suffix: str
     write: Callable[[Path, TrajectoryFile], None]
     keeps_state: bool
     needs_floor: bool = True
+    is_of_paths: bool = False
 
 
 def _write_text(write: Callable[[IO[str], Trajectories], None], path: Path, file: TrajectoryFile) -> None:
@@ -135,9 +142,9 @@ def _write_text(write: Callable[[IO[str], Trajectories], None], path: Path, file
 
 
 FORMATS: dict[ExportName, ExportFormat] = {
-    "pedpy": ExportFormat(".txt", rows.write_petrack, False),
-    "ped-data-archive": ExportFormat(".h5", layouts.write_ped_data_archive, False),
-    "jupedsim": ExportFormat(".sqlite", layouts.write_jupedsim, False),
+    "pedpy": ExportFormat(".txt", rows.write_petrack, False, is_of_paths=True),
+    "ped-data-archive": ExportFormat(".h5", layouts.write_ped_data_archive, False, is_of_paths=True),
+    "jupedsim": ExportFormat(".sqlite", layouts.write_jupedsim, False, is_of_paths=True),
     "motchallenge": ExportFormat(".txt", write_motchallenge, False, needs_floor=False),
     "parquet": ExportFormat(".parquet", layouts.write_parquet, True),
     "csv": ExportFormat(".csv", partial(_write_text, write_table), True),
@@ -160,7 +167,8 @@ def prepared(
     file: TrajectoryFile, name: ExportName, *, fps: float | None = None, area: str | None = None, lost: bool = False
 ) -> TrajectoryFile:
     """What an export of a file holds: of a format without states the confirmed rows with a floor position or, where it
-    has boxes, a box. Raises InputError: no frame rate anywhere, or no row with a floor position.
+    has boxes, a box. Where an id stands for one walk, a track that follows the end of another has its own. Raises
+    InputError: no frame rate anywhere, or no row with a floor position.
 
     Args:
         fps: in place of the file's own; where neither is known the rate that the timestamps have. Rows of a file
@@ -168,7 +176,14 @@ def prepared(
         area: in place of the file's own; where neither is known the rectangle around all positions.
         lost: rows that were only predicted count as confirmed.
     """
+    rate = fps or file.fps or measured_rate(file.table) or 1.0 / Clock(file.table).frame_s
     table = file.table
+    if not np.isfinite(table.timestamp_s).any():
+        table = replace(table, timestamp_s=table.frame / rate)
+    if FORMATS[name].is_of_paths:
+        table, note = with_paths_apart(table)
+        if note:
+            warnings.warn(note, stacklevel=2)
     if not FORMATS[name].keeps_state:
         confirmed = (table.state == "confirmed") | (lost & (table.state == "lost"))
         usable = np.isfinite(table.x_m) & np.isfinite(table.y_m)
@@ -177,9 +192,6 @@ def prepared(
         if len(table) and not usable.any():
             raise InputError("expected trajectories with floor positions, found none")
         table = table.where(confirmed & usable)
-    rate = fps or file.fps or measured_rate(file.table) or 1.0 / Clock(file.table).frame_s
-    if not np.isfinite(file.table.timestamp_s).any():
-        table = replace(table, timestamp_s=table.frame / rate)
     frames, times = frame_times(table)
     if not FORMATS[name].keeps_state and len(frames) > 1:
         off_s = np.ptp(times - frames / rate)

@@ -12,7 +12,10 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.types import F64, I64
+from planview.trajectories.clock import USUAL_FPS, Clock
+from planview.trajectories.ends import track_numbers
 from planview.trajectories.state import State
+from planview.trajectories.table import people_of, table_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -62,12 +65,13 @@ def plot_paths(
     longest = shown["id"].value_counts().index
     chosen = set(longest[:NAMED_MAX]) if colour == "id" else set()
     for track_id, own in shown.groupby("id"):
-        path, frames, seen = own[["u", "v"]].to_numpy(), own["frame"].to_numpy(), own["state"] == "confirmed"
+        path, seen = own[["u", "v"]].to_numpy(), own["state"] == "confirmed"
         solid = np.where(seen.to_numpy()[:, None], path, np.nan)
         single = colour if colour not in ("id", "time") else person_hex(track_id) if track_id in chosen else FAINT
         if not seen.all():
-            axes.plot(*_broken(path, frames).T, ":", color=single if colour != "time" else FAINT, lw=1.0)
+            axes.plot(*_broken(path, own).T, ":", color=single if colour != "time" else FAINT, lw=1.0)
         if colour == "time":
+            solid[_breaks(own) - 1] = np.nan
             segments = list(np.stack([solid[:-1], solid[1:]], axis=1))
             lines = LineCollection(segments, cmap="viridis", lw=1.8, capstyle="round")
             lines.set_array(own["time_s"].to_numpy()[:-1])
@@ -75,7 +79,7 @@ def plot_paths(
             axes.add_collection(lines)
         else:
             name = str(track_id) if track_id in chosen else None
-            axes.plot(*_broken(solid, frames).T, color=single, lw=width, solid_capstyle="round", label=name)
+            axes.plot(*_broken(solid, own).T, color=single, lw=width, solid_capstyle="round", label=name)
             axes.plot(*path[0], "o", ms=5, mfc="white", mec=single, zorder=3)
             axes.plot(*path[-1], "o", ms=5, color=single, zorder=3)
     if colour not in ("id", "time") and len(longest):
@@ -114,8 +118,8 @@ def plot_flow(rows: DataFrame, axes: Axes) -> Axes:
         return _floor_axes(axes, "m")
     velocities = shown[["vx_mps", "vy_mps"]]
     if velocities.isna().all(axis=None):  # a table of places alone
-        by_person = shown.groupby("id")
-        velocities = by_person[["u", "v"]].diff().div(by_person["time_s"].diff(), axis=0)
+        by_track = shown.groupby("track")
+        velocities = by_track[["u", "v"]].diff().div(by_track["time_s"].diff(), axis=0)
     sums = [
         np.histogram2d(shown["u"], shown["v"], bins=[x, y], weights=np.nan_to_num(velocities[name].to_numpy()))[0]
         for name in velocities
@@ -159,7 +163,7 @@ def plot_truth(rows: DataFrame, axes: Axes) -> None:
     """Draw true paths thinly below others."""
     known = _placed(rows)[0].dropna(subset=["u", "v"])
     for n, (_, own) in enumerate(known.groupby("id")):
-        path = _broken(own[["u", "v"]].to_numpy(), own["frame"].to_numpy())
+        path = _broken(own[["u", "v"]].to_numpy(), own)
         axes.plot(*path.T, "--", color=TRUTH_COLOUR, lw=0.8, label="truth" if n == 0 else None, zorder=1.5)
 
 
@@ -169,16 +173,17 @@ def plot_speed(rows: DataFrame, axes: Axes, *, colour: str = "id", label: str = 
     shown = _of_people(placed)
     shown = shown[shown["state"] == "confirmed"].copy()
     named = set(shown["id"].value_counts().index[:NAMED_MAX])
-    for track_id, own in shown.groupby("id"):
+    for (track_id, _), own in shown.groupby(["id", "track"]):
         speed = _speed(own)
         shown.loc[own.index, "speed"] = speed
         if colour == "id":
-            line = _broken(np.column_stack([own["time_s"], speed]), own["frame"].to_numpy())
+            line = _broken(np.column_stack([own["time_s"], speed]), own)
             first = track_id in named
             axes.plot(*line.T, color=person_hex(track_id) if first else FAINT, lw=1.2, zorder=2 if first else 1)
     if colour != "id" and len(shown):
         mean = shown.dropna(subset="speed").groupby("frame")[["time_s", "speed"]].mean()
-        axes.plot(*_broken(mean.to_numpy(), mean.index.to_numpy()).T, color=colour, lw=1.4, label=label or None)
+        moments = mean.reset_index().assign(track=0)
+        axes.plot(*_broken(mean.to_numpy(), moments).T, color=colour, lw=1.4, label=label or None)
     axes.set_ylabel(f"speed [{unit}/s]" if colour == "id" else f"mean speed [{unit}/s]")
     return _time_axes(axes)
 
@@ -190,43 +195,39 @@ def plot_counts(
     """Draw the number of people in view over time; ``clock`` has the times of the frames where the rows have none."""
     from matplotlib.ticker import MaxNLocator
 
-    if len(rows):
-        step = _frame_step(rows["frame"].to_numpy())
-        frames = np.arange(rows["frame"].min(), rows["frame"].max() + step + 1, step)
-        count = rows[rows["state"] == "confirmed"].groupby("frame").size().reindex(frames, fill_value=0)
-        times_s = times_of(rows if clock is None else clock, frames)
+    table = table_of(rows, "rows")
+    if len(table):
+        step = _frame_step(table.frame)
+        frames = np.arange(table.frame.min(), table.frame.max() + step + 1, step)
+        is_seen = (table.state == "confirmed") & np.isin(table.track_id, people_of(table))
+        seen, people = np.unique(table.frame[is_seen], return_counts=True)
+        count = np.zeros(len(frames), dtype=np.int64)
+        count[np.searchsorted(frames, seen)] = people
+        times_s = Clock(table if clock is None else table_of(clock, "clock"), USUAL_FPS).at(frames)
         axes.plot(times_s, count, style, drawstyle="steps-post", color=colour, lw=1.3, label=label or None)
     axes.set_ylabel("people in view")
     axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=6, min_n_ticks=2))
     return _time_axes(axes)
 
 
-def times_of(rows: DataFrame, frames: I64) -> F64:
-    """(N,) times [s] of frames; at 30 frames per second where no row has a time."""
-    known = rows.dropna(subset="timestamp_s").drop_duplicates("frame")
-    at, times_s = known["frame"].to_numpy(), known["timestamp_s"].to_numpy()
-    if len(at) < 2:
-        return frames / 30.0
-    beyond = (frames - np.clip(frames, at[0], at[-1])) * (times_s[-1] - times_s[0]) / (at[-1] - at[0])
-    return np.asarray(np.interp(frames, at, times_s) + beyond)
-
-
 def _placed(rows: DataFrame) -> tuple[DataFrame, str]:
-    """The rows with time_s and their place u, v: on the floor, and "m"; the middle of the lower edge of boxes, and
-    "px", where none is known there."""
+    """The rows with time_s, the number of their track, whether they are of people, and their place u, v: on the floor,
+    and "m"; the middle of the lower edge of boxes, and "px", where none is known there."""
+    table = table_of(rows, "rows")
+    rows = table.to_dataframe()
     u, v, unit = rows["x_m"], rows["y_m"], "m"
     if len(rows) and (u + v).isna().all():
         u, v, unit = rows["left_px"] + rows["width_px"] / 2, rows["top_px"] + rows["height_px"], "px"
         if (u + v).isna().all():
             raise InputError("expected trajectories with floor positions or boxes to plot, found neither")
-    return rows.assign(u=u, v=v, time_s=times_of(rows, rows["frame"].to_numpy())), unit
+    time_s = Clock(table, USUAL_FPS).at(table.frame)
+    is_person = np.isin(table.track_id, people_of(table))
+    return rows.assign(u=u, v=v, time_s=time_s, track=track_numbers(table, time_s), is_person=is_person), unit
 
 
 def _of_people(placed: DataFrame) -> DataFrame:
-    """The rows with a place of tracks that were confirmed at some time, from then to the last time."""
-    people = placed.loc[placed["state"] == "confirmed", "id"].unique()
-    known = (placed["state"] != "tentative") & placed["id"].isin(people)
-    return placed[known].dropna(subset=["u", "v"])
+    """The rows with a place of people, from when they were confirmed to the last time."""
+    return placed[placed["is_person"] & (placed["state"] != "tentative")].dropna(subset=["u", "v"])
 
 
 def _frame_step(frames: I64) -> int:
@@ -235,10 +236,18 @@ def _frame_step(frames: I64) -> int:
     return int(np.median(steps)) if len(steps) else 1
 
 
-def _broken(values: F64, frames: I64) -> F64:
-    """The (N, 2) values with a row of NaN wherever frames are missing, so that no line bridges them."""
-    gaps = np.flatnonzero(np.diff(frames) > 2 * _frame_step(frames)) + 1
-    return np.asarray(np.insert(values.astype(np.float64), gaps, np.nan, axis=0))
+def _broken(values: F64, rows: DataFrame) -> F64:
+    """The (N, 2) values of rows with a row of NaN wherever frames are missing or a track ends, so that no line bridges
+    them."""
+    return np.asarray(np.insert(values.astype(np.float64), _breaks(rows), np.nan, axis=0))
+
+
+def _breaks(rows: DataFrame) -> I64:
+    """The rows of one person before which frames are missing or a track ends."""
+    frames = rows["frame"].to_numpy()
+    is_missing = np.diff(frames) > 2 * _frame_step(frames)
+    has_ended = np.diff(rows["track"].to_numpy()) != 0
+    return np.flatnonzero(is_missing | has_ended) + 1
 
 
 def _speed(own: DataFrame) -> F64:

@@ -15,7 +15,14 @@ from calib.io import UNITS_M, expecting
 from calib.times import NS, UNITS, seconds_of
 from calib.types import F64
 from planview.trajectories.file import TrajectoryFile, checked_rate
-from planview.trajectories.table import HEIGHTS_M, separators, table_of
+from planview.trajectories.table import (
+    HEIGHTS_M,
+    after_one_another,
+    recording_numbers,
+    renumbered,
+    separators,
+    table_of,
+)
 
 METRES = {"m": 1.0, "cm": 0.01}
 _LENGTHS = {**UNITS_M, **dict.fromkeys(("meter", "meters", "metre", "metres"), 1.0)}
@@ -153,6 +160,12 @@ def write_petrack(path: Path, file: TrajectoryFile, unit: str = "m") -> None:
 def _by_time(path: Path, columns: dict[str, F64]) -> TrajectoryFile:
     """Columns with times in place of frames; the time between a person's gives the frames, and where it is uneven
     (Vadere writes footsteps), everything is interpolated."""
+    recording = recording_numbers(columns["timestamp_s"], columns["id"])
+    if recording.any():
+        # Each of them begins a second after the end of the one before.
+        times_s = after_one_another(columns["timestamp_s"], recording, 1.0)
+        ids = renumbered(columns["id"].astype(np.int64), recording)
+        columns = columns | {"timestamp_s": times_s, "id": ids.astype(np.float64)}
     others = [name for name in columns if name not in ("id", "timestamp_s")]
     rows = np.column_stack([columns[name] for name in ("id", "timestamp_s", *others)])
     rows = rows[np.lexsort((rows[:, 1], rows[:, 0]))]
@@ -160,6 +173,8 @@ def _by_time(path: Path, columns: dict[str, F64]) -> TrajectoryFile:
     if not (np.isfinite(rows[:, :2]).all() and (steps > 0).any()):
         raise InputError(f"{path}: expected people at several times, found none")
     (begin_s, span_s), note = (float(rows[:, 1].min()), float(np.ptp(rows[:, 1]))), ""
+    if recording.any():
+        note = f"times begin again: {recording.max() + 1} recordings, whose people have ids of their own"
     if begin_s > DAY_S:
         note = f"times begin at {begin_s:.0f} s: frame 0 is then"
         rows[:, 1] -= begin_s

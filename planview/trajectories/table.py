@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import re
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -16,7 +17,7 @@ import numpy as np
 from calib.errors import InputError
 from calib.io import expecting, reason, require_file
 from calib.times import doubts, is_time, period_of, run_on, seconds_of
-from calib.types import F64, I64, Bool
+from calib.types import F64, I64, AnyArray, Bool
 from planview.trajectories.state import TrackState
 
 if TYPE_CHECKING:
@@ -74,7 +75,8 @@ def table_of(columns: Mapping[str, Any] | DataFrame, source: Path | str) -> Traj
     visible = rows["visible"].to_numpy()
     if len(odd := visible[(visible != IGNORED) & ~((visible >= 0) & (visible <= 1))]):
         raise InputError(f"{source}: expected shares of 0 to 1 in the column 'visible', found {odd[0]:g}")
-    rows = rows.astype({"frame": np.int64, "id": np.int64}).sort_values(["frame", "id"], kind="stable")
+    rows = _recordings_apart(rows.astype({"frame": np.int64, "id": np.int64}), source)
+    rows = rows.sort_values(["frame", "id"], kind="stable")
     if len(twice := rows[rows.duplicated(["frame", "id"])]):
         where = f"frame {twice['frame'].iat[0]}, id {twice['id'].iat[0]}"
         raise InputError(f"{source}: expected one row per frame and id, found two for {where}")
@@ -85,6 +87,56 @@ def table_of(columns: Mapping[str, Any] | DataFrame, source: Path | str) -> Traj
         np.column_stack([column[name] for name in BOX_COLUMNS]),
         np.column_stack([column["vx_mps"], column["vy_mps"]]), *(column[name] for name in LAST_COLUMNS),
     )  # fmt: skip
+
+
+def _recordings_apart(rows: DataFrame, source: Path | str) -> DataFrame:
+    """The rows of recordings that follow one another, each with frames after those of the one before and with ids of
+    its own, and a warning; rows that repeat a frame and id otherwise stay."""
+    recording = recording_numbers(rows["frame"].to_numpy(), rows["id"].to_numpy())
+    if not recording.any():
+        return rows
+    frame = after_one_another(rows["frame"].to_numpy(), recording, 1)
+    ids = renumbered(rows["id"].to_numpy(), recording)
+    lowest = np.abs(ids[recording > 0]).min()
+    warnings.warn(
+        f"{source}: frames begin again, so another recording follows from frame {frame[recording > 0].min()} on: its "
+        f"people get ids of their own, from {lowest} on",
+        stacklevel=3,
+    )
+    return rows.assign(frame=frame, id=ids)
+
+
+def recording_numbers(moment: I64 | F64, track_id: I64 | F64) -> I64:
+    """(N,) number from 0 of the recording of each row, by (N,) frames or times and ids in the order of a file: another
+    one begins where moments go back and then repeat those of ids, for more than one moment."""
+    import pandas
+
+    rows = pandas.DataFrame({"recording": np.zeros(len(moment), dtype=np.int64), "moment": moment, "id": track_id})
+    starts = np.flatnonzero(np.diff(moment) < 0) + 1
+    recording = np.zeros(len(moment), dtype=np.int64)
+    while (twice := rows.assign(recording=recording).duplicated().to_numpy()).any():
+        before = starts[starts <= np.argmax(twice)]
+        if not len(before) or recording[before[-1]] < recording[-1]:
+            return np.zeros_like(recording)  # the same row twice
+        recording[before[-1] :] += 1
+        if len(np.unique(moment[before[-1] :])) < 2:
+            return np.zeros_like(recording)
+    return recording
+
+
+def after_one_another(moment: AnyArray, recording: I64, step: float) -> AnyArray:
+    """(N,) frames or times of which each recording's begin a step after the end of the one before."""
+    shifted = moment.copy()
+    for number in range(1, int(recording.max(initial=0)) + 1):
+        shifted[recording == number] += shifted[recording == number - 1].max() + step
+    return shifted
+
+
+def renumbered(track_id: I64, recording: I64) -> I64:
+    """(N,) ids of which none is used in two recordings, by the (N,) numbers of these from 0; the first one's stay."""
+    step = int(np.abs(track_id).max(initial=0)) + 1
+    sign = np.where(track_id < 0, -1, 1)
+    return sign * (np.abs(track_id) + step * recording)
 
 
 def separators(text: str) -> tuple[str, str]:
@@ -210,7 +262,7 @@ class Trajectories:
 
     def __repr__(self) -> str:
         span = f", frames {self.frame.min()} to {self.frame.max()}" if len(self) else ""
-        return f"Trajectories({len(self)} rows of {len(np.unique(self.track_id))} ids{span})"
+        return f"Trajectories({len(self)} rows of {len(people_of(self))} people{span})"
 
     def _repr_html_(self) -> str:
         return str(self.where(np.arange(min(5, len(self)))).to_dataframe().to_html())
@@ -401,12 +453,19 @@ def doubt(table: Trajectories) -> str:
     return f"{', '.join(found)}: another unit, frame rate or order of columns?" if found else ""
 
 
-def is_person(confirmed_frames: I64, frame_s: float) -> Bool:
-    """(N,) whether tracks confirmed in these numbers of frames are people."""
-    return np.asarray(confirmed_frames * frame_s >= PERSON_S - 1e-9)
+def is_person(confirmed_s: F64) -> Bool:
+    """(N,) whether tracks that were confirmed for so long in all [s] are people; times are rounded."""
+    return confirmed_s >= 0.99 * PERSON_S
 
 
-def people_of(tracks: Trajectories, frame_s: float) -> I64:
-    """(P,) ids of the people, ascending: tracks confirmed for at least PERSON_S, at ``frame_s`` [s] a frame."""
-    ids, frames = np.unique(tracks.track_id[tracks.state == "confirmed"], return_counts=True)
-    return np.asarray(ids[is_person(frames, frame_s)])
+def people_of(tracks: Trajectories, frame_s: float | None = None) -> I64:
+    """(P,) ids of the people, ascending: tracks confirmed for at least PERSON_S, at ``frame_s`` [s] a frame or the rate
+    of the rows. Where people have rows in every n-th frame only, a row stands for n frames."""
+    if frame_s is None:
+        frame_s = frame_period_s(tracks, 1 / 30)
+    order = np.lexsort((tracks.frame, tracks.track_id))
+    is_same = np.diff(tracks.track_id[order]) == 0
+    steps = np.diff(tracks.frame[order])[is_same]
+    row_s = frame_s * (max(1.0, float(np.median(steps))) if len(steps) else 1.0)
+    ids, rows = np.unique(tracks.track_id[tracks.state == "confirmed"], return_counts=True)
+    return ids[is_person(rows.astype(np.float64) * row_s)]

@@ -122,6 +122,15 @@ def test_export_without_a_known_format_is_refused(refused: Refused, recording: P
     assert "--to" in refused("export", recording, *words) or words[-1] == "scene.txt"
 
 
+@pytest.mark.parametrize(("to", "ids"), [("pedpy", [1, 2]), ("motchallenge", [1]), ("csv", [1])])
+def test_a_walk_after_the_end_of_a_track_has_an_id_of_its_own_where_ids_are_walks(to, ids, tmp_path) -> None:
+    frame = np.concatenate([np.arange(20), np.arange(100, 120)])
+    boxes = np.tile([10.0, 10.0, 40.0, 170.0], (40, 1))
+    table = positions_table(frame, np.ones(40, int), np.zeros((40, 2)), timestamp_s=frame / FPS, box_px=boxes)
+    written = export(table, to, out=tmp_path / "export")
+    assert np.unique(load_file(written.path).table.track_id).tolist() == ids and written.people == 1
+
+
 FORMATS = "csv", "jsonl", "pedpy", "ped-data-archive", "jupedsim", "motchallenge", "parquet"
 
 

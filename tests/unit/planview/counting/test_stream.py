@@ -202,6 +202,33 @@ def test_person_who_walks_over_the_line_three_times_is_one_person_per_visit() ->
     assert sum(event.kind == "crossing" for event in events) == 4 and counter.people["door"] == 2
 
 
+def room(rows: Sequence[Row], queue_s: float = 5.0) -> dict[str, Any]:
+    """The zone of a table, and how many waited in it."""
+    queue = {"name": "till", "zone": "room", "min_wait_s": queue_s}
+    _, rules = totals(rows, {"zone": [ZONE], "queue": [queue]})
+    return rules["room"] | {"waited": rules["till"]["waited"]}
+
+
+def test_a_stay_ends_with_the_track_and_nobody_waits_without_rows() -> None:
+    found = room([*way(np.full(40, 2.0)), *way(np.full(40, 2.0), start=600)])
+    assert (found["stays"], found["people"], found["waited"]) == (2, 2, 0)
+    assert found["max_dwell_s"] == pytest.approx(4.0) and found["mean_occupancy"] == pytest.approx(8.0 / 64.0)
+
+
+def test_a_stay_goes_on_while_somebody_is_hidden_for_less() -> None:
+    found = room([*way(np.full(40, 2.0)), *way(np.full(40, 2.0), start=70)])
+    assert (found["stays"], found["waited"]) == (1, 1)
+
+
+def test_an_id_that_is_suddenly_elsewhere_crosses_nothing() -> None:
+    assert crossings([*way(np.full(10, 3.0)), *way(np.full(10, -3.0), start=10)]) == []
+
+
+def test_one_frame_far_away_does_not_end_a_visit() -> None:
+    found = room([*way(np.full(10, 2.0)), (10, 1, 1.0, 9.0, "confirmed"), *way(np.full(10, 2.0), start=11)])
+    assert (found["stays"], found["people"]) == (1, 1)
+
+
 PAGE = Path(__file__).resolve().parents[4] / "docs" / "counting.md"
 METRES, PIXELS = re.findall(r"```toml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
 

@@ -64,6 +64,12 @@ def test_smoothing_reduces_noise_and_keeps_a_straight_walk() -> None:
     assert np.std(refine(noisy).tracks.y_m) < 0.6 * np.std(noisy.y_m)
 
 
+def test_nobody_is_smoothed_across_the_end_of_a_track() -> None:
+    elsewhere = replace(walk(range(30, 60)), y_m=np.full(30, 9.0))
+    result = refine(concatenated([walk(range(30)), elsewhere])).tracks
+    np.testing.assert_allclose(result.y_m, np.repeat([0.0, 9.0], 30), atol=1e-6)
+
+
 def test_fragments_of_one_walk_are_joined_under_the_first_id_and_predictions_end_where_the_next_begins():
     result = refine(concatenated([walk(range(30), 4), walk(range(33, 63), 9, y_m=0.2)]))
     assert np.unique(result.tracks.track_id).tolist() == [4] and len(result.tracks) == 60

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from calib.errors import InputError
 from planview.cli import main
 from planview.output.plot import NamedTracks, figure_of
+from planview.trajectories.clock import Clock
 from planview.trajectories.plot import (
     DENSITY_CELL_M,
     NAMED_MAX,
@@ -17,9 +18,8 @@ from planview.trajectories.plot import (
     plot_flow,
     plot_paths,
     plot_speed,
-    times_of,
 )
-from planview.trajectories.table import Trajectories, positions_table, write_table
+from planview.trajectories.table import Trajectories, concatenated, positions_table, write_table
 
 
 def walkers(people: int = 1, frames: int = 60) -> Trajectories:
@@ -43,6 +43,20 @@ def test_missing_frames_are_a_gap_in_the_path() -> None:
     table = walkers().to_dataframe()
     drawn = plot_paths(table[(table.frame < 20) | (table.frame > 40)], axes())
     assert np.isnan(drawn.get_lines()[0].get_ydata()).sum() == 1
+
+
+def test_the_path_of_an_id_that_is_suddenly_elsewhere_has_a_gap() -> None:
+    table = walkers().to_dataframe()
+    table.loc[table.frame >= 30, "x_m"] += 30.0
+    drawn = plot_paths(table, axes())
+    assert np.isnan(drawn.get_lines()[0].get_ydata()).sum() == 1
+    assert max(np.nanmax(line.get_ydata()) for line in plot_speed(table, axes()).get_lines()) < 2.0
+
+
+def test_who_is_confirmed_for_too_short_is_nobody_in_any_plot() -> None:
+    table = concatenated([walkers(), walkers(people=2, frames=5)]).to_dataframe().drop_duplicates(["frame", "id"])
+    assert plot_paths(table, axes()).get_legend_handles_labels()[1] == ["1"]
+    assert max(plot_counts(table, axes()).get_lines()[0].get_ydata()) == 1
 
 
 def test_legend_names_twenty_people_and_counts_the_others() -> None:
@@ -92,8 +106,9 @@ def test_density_of_several_runs_is_refused() -> None:
 
 
 def test_frames_without_rows_have_the_times_between_their_neighbours_and_beyond() -> None:
-    table = walkers().to_dataframe()
-    assert times_of(table[table.frame % 10 == 0], np.array([5, 65])) == pytest.approx([5 / 30, 65 / 30])
+    table = walkers()
+    clock = Clock(table.where(table.frame % 10 == 0))
+    assert clock.at(np.array([5, 65])) == pytest.approx([5 / 30, 65 / 30])
 
 
 def test_tracks_of_a_table_draw_themselves() -> None:

@@ -1,0 +1,114 @@
+"""Where a track ends: rows of one id are one walk only as far as somebody can have walked it."""
+
+from __future__ import annotations
+
+from typing import Any, overload
+
+import numpy as np
+
+from calib.types import F64, I64, Bool
+from planview.trajectories.table import Trajectories
+
+HIDDEN_S = 4.0
+"""Without a row for longer a track has ended [s]: people who are lost for longer are gone (Harville 2002, section 4).
+Predicted rows of somebody hidden are rows."""
+JUMP_M = 1.0
+JUMP_MPS = 8.0
+"""A step that is longer [m] and faster [m/s] is no movement: ten times the noise of a good tracker, and a sprint."""
+ERROR_M = 3.0
+"""A shorter jump may correct the place of the same person [m]. Our choice: three times JUMP_M, more than our trackers
+ever err."""
+BOX_M = 1.7
+"""Height that a box is taken to show where only boxes are known: it gives metres to pixels [m]."""
+
+
+@overload
+def is_jump(step_s: float, moved_m: float) -> bool: ...
+@overload
+def is_jump(step_s: F64, moved_m: F64) -> Bool: ...
+def is_jump(step_s: Any, moved_m: Any) -> Any:
+    """Whether nobody can have walked so far in this time; of numbers, or of arrays."""
+    return (moved_m > JUMP_M) & (moved_m > JUMP_MPS * step_s)
+
+
+@overload
+def has_ended(gap_s: float, step_s: float = 0.0, moved_m: float = 0.0) -> bool: ...
+@overload
+def has_ended(gap_s: F64, step_s: F64 | float = 0.0, moved_m: F64 | float = 0.0) -> Bool: ...
+def has_ended(gap_s: Any, step_s: Any = 0.0, moved_m: Any = 0.0) -> Any:
+    """Whether a track has ended before the next row of its id; of numbers, or of arrays.
+
+    Args:
+        gap_s: time since its last row.
+        step_s: time since it was last seen.
+        moved_m: distance from where it was last seen; 0 where the next row is not seen.
+    """
+    return (gap_s > HIDDEN_S) | ((moved_m > ERROR_M) & is_jump(step_s, moved_m))
+
+
+class Places:
+    """Where each row of a table was seen: on the floor [m], or the foot of its box [px] with pixels per metre.
+
+    Attributes:
+        is_known: (N,) whether the row was seen somewhere, and not predicted.
+    """
+
+    def __init__(self, table: Trajectories) -> None:
+        left, top, width, height = table.box_px.T
+        self._on_floor = np.isfinite(table.x_m + table.y_m)
+        self._x = np.where(self._on_floor, table.x_m, left + width / 2)
+        self._y = np.where(self._on_floor, table.y_m, top + height)
+        box_per_m = np.where(height > 0, height / BOX_M, np.nan)
+        self._per_m = np.where(self._on_floor, 1.0, box_per_m)
+        self.is_known = np.isfinite(self._x + self._y + self._per_m) & (table.state != "lost")
+
+    def apart_m(self, first: I64, second: I64) -> F64:
+        """Distances between rows [m]; 0 between the floor and the image. A box that is cut off has too few pixels per
+        metre, so the larger number counts."""
+        away = np.hypot(self._x[second] - self._x[first], self._y[second] - self._y[first])
+        per_m = np.maximum(self._per_m[first], self._per_m[second])
+        return np.where(self._on_floor[first] == self._on_floor[second], away / per_m, 0.0)
+
+
+class Steps:
+    """The steps of all ids of a table, from each row to the id's next one.
+
+    Attributes:
+        first, second: (S,) indices of the rows.
+        gap_s: time between them.
+        step_s: time since the last row that was seen; 0 where the second is not seen.
+        moved_m: distance from that row to the second; 0 where one of them is not seen.
+    """
+
+    def __init__(self, table: Trajectories, times_s: F64) -> None:
+        """``times_s``: (N,) of the rows."""
+        places = Places(table)
+        order = np.lexsort((table.frame, table.track_id))
+        ids = table.track_id[order]
+        seen = np.maximum.accumulate(np.where(places.is_known[order], np.arange(len(order)), 0))
+        second = np.flatnonzero(np.diff(ids) == 0) + 1
+        self.first = order[second - 1]
+        self.second = order[second]
+        self.gap_s = times_s[self.second] - times_s[self.first]
+        last_seen = order[seen[second - 1]]
+        is_same = table.track_id[last_seen] == table.track_id[self.second]
+        is_seen = is_same & places.is_known[last_seen] & places.is_known[self.second]
+        self.step_s = np.where(is_seen, times_s[self.second] - times_s[last_seen], 0.0)
+        self.moved_m = np.where(is_seen, places.apart_m(last_seen, self.second), 0.0)
+
+    @property
+    def ended(self) -> Bool:
+        """(S,) whether the track has ended between the two rows."""
+        return has_ended(self.gap_s, self.step_s, self.moved_m)
+
+
+def track_numbers(table: Trajectories, times_s: F64) -> I64:
+    """(N,) number of the track of each row, at (N,) times [s]: the rows of one id until its track ends. Numbers rise by
+    id, then by time."""
+    steps = Steps(table, times_s)
+    begins = np.ones(len(table), dtype=np.int64)
+    begins[steps.second[~steps.ended]] = 0
+    order = np.lexsort((table.frame, table.track_id))
+    numbers = np.empty_like(begins)
+    numbers[order] = np.cumsum(begins[order]) - 1
+    return numbers
