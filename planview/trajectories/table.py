@@ -109,19 +109,20 @@ def _recordings_apart(rows: DataFrame, source: Path | str) -> DataFrame:
 def recording_numbers(moment: I64 | F64, track_id: I64 | F64) -> I64:
     """(N,) number from 0 of the recording of each row, by (N,) frames or times and ids in the order of a file: another
     one begins where moments go back and then repeat those of ids, for more than one moment."""
-    import pandas
-
-    rows = pandas.DataFrame({"recording": np.zeros(len(moment), dtype=np.int64), "moment": moment, "id": track_id})
-    starts = np.flatnonzero(np.diff(moment) < 0) + 1
-    recording = np.zeros(len(moment), dtype=np.int64)
-    while (twice := rows.assign(recording=recording).duplicated().to_numpy()).any():
-        before = starts[starts <= np.argmax(twice)]
-        if not len(before) or recording[before[-1]] < recording[-1]:
-            return np.zeros_like(recording)  # the same row twice
-        recording[before[-1] :] += 1
-        if len(np.unique(moment[before[-1] :])) < 2:
-            return np.zeros_like(recording)
-    return recording
+    numbers = np.zeros(len(moment), dtype=np.int64)
+    goes_back = np.diff(moment, prepend=moment[:1]) < 0
+    keys_so_far = set[tuple[float, float]]()
+    for rows in np.split(np.arange(len(moment)), np.flatnonzero(goes_back)):
+        keys = set(zip(moment[rows].tolist(), track_id[rows].tolist(), strict=True))
+        if len(keys) < len(rows):
+            return np.zeros_like(numbers)  # the same row twice
+        if keys & keys_so_far:
+            if len(np.unique(moment[rows[0] :])) < 2:
+                return np.zeros_like(numbers)
+            numbers[rows[0] :] += 1
+            keys_so_far = set()
+        keys_so_far |= keys
+    return numbers
 
 
 def after_one_another(moment: AnyArray, recording: I64, step: float) -> AnyArray:
