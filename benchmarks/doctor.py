@@ -17,8 +17,8 @@ from benchmarks.options import JsonFlag, progress, report
 from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import AnyArray
+from planview.checks.motion import MotionWatch, thumbnails
 from planview.checks.scene import delay_of
-from planview.checks.timing import MotionWatch, thumbnails
 from stereo.depth import DEPTH_UNITS, metres
 from stereo.doctor.explain import RAW_UNITS, explain, explain_colours, explain_fields, place_of_depth
 from stereo.doctor.hypotheses import COLOURS, FIELDS, LATE, LENGTHS, OFFSET_DEPTH, REGISTER, WHICH

@@ -25,6 +25,7 @@ from calib.types import F64, U8
 from calib.world import RIGS_FILE
 from planview.checks.check import Check, limited
 from planview.checks.heads import watched_heads
+from planview.checks.motion import MotionWatch, repeated_check, still_checks, thumbnails_of
 from planview.checks.scene import (
     VALID_SHARE_MIN,
     alignment_checks,
@@ -46,14 +47,7 @@ from planview.checks.scene import (
     standing_things,
     steadiness_checks,
 )
-from planview.checks.timing import (
-    MotionWatch,
-    SpeedWatch,
-    frame_checks,
-    repeated_check,
-    still_checks,
-    thumbnails_of,
-)
+from planview.checks.timing import SpeedWatch, frame_checks
 from planview.drawing.style import Entry, Rgb, as_bgr, disparity_colours, with_colour_bar, with_legend
 from planview.foreground.steadiness import Steadiness
 from planview.maps.grid import FloorRig

@@ -16,7 +16,8 @@ from calib.pose import SE3
 from calib.rig import Floor
 from calib.types import F32, F64, U8, Bool
 from planview.checks.check import Check, limited
-from planview.checks.timing import Lag, lag_of, repeated_check
+from planview.checks.motion import repeated_check
+from planview.checks.timing import Lag, lag_of
 from planview.foreground.ghosts import find_blobs
 from planview.foreground.steadiness import Steadiness
 from planview.maps.grid import MapParams

@@ -16,6 +16,7 @@ from calib.rig import Floor
 from calib.types import F64
 from calib.world import RIGS_FILE
 from planview.checks.check import Check
+from planview.checks.motion import still_checks
 from planview.checks.scene import (
     alignment_checks,
     explanation_checks,
@@ -24,7 +25,6 @@ from planview.checks.scene import (
     image_checks,
     run_checks,
 )
-from planview.checks.timing import still_checks
 from planview.engine.config import Config
 from planview.maps.grid import FloorRig, Grid, floor_in_view
 from stereo.depth import RectifiedGeometry

@@ -20,18 +20,9 @@ from calib.types import F64, U8
 from planview.api.check import verdict
 from planview.checks.check import Check, limited
 from planview.checks.examine import examine, refuse_unless_ok
+from planview.checks.motion import MotionWatch, Thumbnails, repeated_check, thumbnails
 from planview.checks.scene import flicker_check, floor_checks, height_check, light_checks
-from planview.checks.timing import (
-    LONGEST_LAG,
-    SURELY,
-    WINDOW,
-    MotionWatch,
-    SpeedWatch,
-    Thumbnails,
-    lag_of,
-    repeated_check,
-    thumbnails,
-)
+from planview.checks.timing import LONGEST_LAG, SURELY, WINDOW, SpeedWatch, lag_of
 from planview.cli import main
 from planview.commands.check import check
 from stereo.doctor.hypotheses import LATE

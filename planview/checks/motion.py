@@ -1,0 +1,315 @@
+"""Checks of movement: cameras that stand still, repeat pictures, or are out of step."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from calib.carried import Carried
+from calib.images import as_grey
+from calib.types import F32, F64, U8, AnyArray, Bool
+from planview.checks.check import Check, limited
+from planview.checks.timing import GROUPS, LONGEST_LAG, MIN_FRAMES, SURELY, WINDOW, Lag, lag_of
+from stereo.depth import Depth
+from stereo.floor import DepthFrames, PairFrames
+from stereo.recording import Frame, Shot
+
+COMPARED_STEP_PX = 2
+"""Every n-th row and column is compared: a person at 8 m still has 100 pixels."""
+OWN_VIEW = 8
+"""The outer 1/n of each image, which the other camera may not show, is left out: a disparity of 80 px of 640."""
+BANDS = 24
+"""Bands of rows in which movement is summed: rows of a rectified pair show the same part of the scene."""
+MOVED_LEVEL = 14
+"""Grey levels by which a pixel must change to count as moved: above sensor noise and coding artefacts."""
+ACTIVE_SHARE = 0.001
+"""Share of moved pixels from which a picture moves: half of what a person at 8 m takes."""
+FRAMES_MAX = 4096
+"""Frames with movement, or soon after it, that are remembered: four minutes at 15 Hz, in 1.5 MB."""
+MIN_TAIL = 48
+"""Frames from which on a lag is searched in the last part of the time alone."""
+MAX_REPEATED = 0.1
+"""Share of pairs that repeat the one before while people move: a tenth spoils every velocity."""
+JUMPED = 1.5
+"""Images that stood still go on with this many times the movement of the frame before: people walked on meanwhile, and
+who stood starts slowly."""
+
+
+class Thumbnails(NamedTuple):
+    """Every second pixel of a rectified pair where both cameras see the scene: (h, w) uint8 each; or of an image and of
+    the disparity that its depth has, (h, w) float32, 0 where unknown."""
+
+    left: U8
+    right: U8 | F32
+
+
+def thumbnails(left: U8, right: U8) -> Thumbnails:
+    """Thumbnails of rectified (H, W) grey images; rows of both still show the same part of the scene."""
+    margin = left.shape[1] // OWN_VIEW
+    left_inside = left[::COMPARED_STEP_PX, margin::COMPARED_STEP_PX]
+    right_inside = right[::COMPARED_STEP_PX, : right.shape[1] - margin : COMPARED_STEP_PX]
+    return Thumbnails(np.ascontiguousarray(left_inside), np.ascontiguousarray(right_inside))
+
+
+def thumbnails_of(depth: Depth) -> Thumbnails:
+    """Thumbnails of what was measured: the pair, or its image and depth."""
+    if depth.greys is not None:
+        return thumbnails(*depth.greys)
+    steps = slice(None, None, COMPARED_STEP_PX)
+    return Thumbnails(as_grey(depth.image)[steps, steps].copy(), np.nan_to_num(depth.disparity[steps, steps]))
+
+
+class Steps(NamedTuple):
+    """Changes from each pair to the next, (N,) each: when; the share of the picture that moved, and whether that is
+    more than noise; and whether the first and the second image repeat the one before to the last bit."""
+
+    time_s: F64
+    moved_share: F64
+    is_active: Bool
+    first_repeats: Bool
+    second_repeats: Bool
+
+
+class Stall(NamedTuple):
+    """A time in which images stand still while people move: how many do, from which step until which, and whether the
+    first and the second image do."""
+
+    frames: int
+    start: int
+    end: int
+    first: bool
+    second: bool
+
+
+def runs_of(mask: Bool) -> list[tuple[int, int]]:
+    """First index, and the index after the last, of each run of True."""
+    padded = np.concatenate([[False], mask, [False]])
+    edges = np.flatnonzero(padded[1:] != padded[:-1])
+    return [(int(start), int(end)) for start, end in edges.reshape(-1, 2)]
+
+
+def lone_stalls(steps: Steps) -> list[Stall]:
+    """Times in which one image stands still while the other one moves."""
+    active = np.flatnonzero(steps.is_active)
+    stalls = []
+    for start, end in runs_of(frozen(steps)[active]):
+        last = int(active[end - 1])
+        first_stands = bool(steps.first_repeats[last])
+        stalls.append(Stall(end - start, int(active[start]), last, first_stands, not first_stands))
+    return stalls
+
+
+def common_stalls(steps: Steps, is_pair: bool) -> list[Stall]:
+    """Times in which all images stand still, between two that move; of depth, those in which its image does."""
+    stalls = []
+    for start, end in runs_of(standing(steps, is_pair)):
+        if start > 0 and end < len(steps.time_s) and steps.is_active[start - 1] and steps.is_active[end]:
+            stalls.append(Stall(end - start, start, end, True, bool(steps.second_repeats[end - 1])))
+    return stalls
+
+
+def frozen(steps: Steps) -> Bool:
+    """(N,) whether one image moves and the other one repeats to the last bit: a camera that nobody walks past has
+    noise."""
+    return np.asarray(steps.is_active & (steps.first_repeats | steps.second_repeats))
+
+
+def standing(steps: Steps, is_pair: bool) -> Bool:
+    """(N,) whether all images repeat; of an image with depth whether the image does."""
+    if is_pair:
+        return np.asarray(steps.first_repeats & steps.second_repeats)
+    return steps.first_repeats
+
+
+def repeated_pairs(steps: Steps, is_pair: bool) -> int:
+    """Copies of a pair between moving ones; a scene in which nothing moves may repeat for hours."""
+    stalls = common_stalls(steps, is_pair)
+    return sum(stall.frames for stall in stalls if stall.second and stall.frames <= 2)
+
+
+def longest_stall(steps: Steps, is_pair: bool) -> Stall | None:
+    """The longest time in which images stand still while people move."""
+    stalls = lone_stalls(steps)
+    for stall in common_stalls(steps, is_pair):
+        before = steps.moved_share[stall.start - 1]
+        after = steps.moved_share[stall.end]
+        if stall.frames > 2 and after > JUMPED * before:
+            stalls.append(stall)
+    return max(stalls, key=lambda stall: stall.frames, default=None)
+
+
+class MotionWatch(Carried):
+    """Follows the movement in both images of a pair, or in an image and its depth."""
+
+    RECORDS = (Thumbnails,)
+
+    def __init__(self) -> None:
+        self._last: Thumbnails | None = None
+        self._is_pair = True
+        self._rows = np.empty((64, len(Steps._fields)))
+        self._count = 0
+        self._bands: deque[F64] = deque(maxlen=FRAMES_MAX)
+        self._calm_for = 0
+
+    def update(self, pair: Thumbnails, timestamp_s: float = 0.0) -> None:
+        """Take the next pair. Movement is looked for in images only: the edges of depth flicker."""
+        before = self._last
+        self._last = pair
+        self._is_pair = pair.right.dtype == np.uint8
+        if before is None:
+            return
+        left_moved = moved_pixels(before.left, pair.left)
+        right_moved = moved_pixels(before.right, pair.right)
+        moved_share = float(left_moved.mean())
+        if self._is_pair:
+            moved_share = max(moved_share, float(right_moved.mean()))
+        is_active = moved_share >= ACTIVE_SHARE
+        left_repeats = repeats(before.left, pair.left)
+        right_repeats = repeats(before.right, pair.right)
+        self._append((timestamp_s, moved_share, is_active, left_repeats, right_repeats))
+        self._calm_for = 0 if is_active else self._calm_for + 1
+        if self._is_pair and self._calm_for <= LONGEST_LAG:
+            self._bands.append(np.stack([movement_in_bands(left_moved), movement_in_bands(right_moved)]))
+
+    def checks(self) -> list[Check]:
+        """Cameras that do not move together in time, by all pairs so far; NaN where too little moves."""
+        steps = self._steps()
+        active = np.count_nonzero(steps.is_active)
+        first, second = ("left camera", "right camera") if self._is_pair else ("image", "depth")
+        frozen_share = math.nan
+        longest = math.nan
+        where = ""
+        if active:
+            frozen_share = float(frozen(steps).sum() / active)
+            stall = longest_stall(steps, self._is_pair)
+            longest = 0.0
+            if stall is not None:
+                longest = float(stall.frames)
+                from_s = steps.time_s[stall.start]
+                to_s = steps.time_s[stall.end]
+                where = f": {_who_stands(stall, first, second)} still from {from_s:.1f} to {to_s:.1f} s"
+        alone = f"share of frames in which the {first} or the {second} alone stands still"
+        if frozen_share > 0:
+            alone += where
+        copies = "share of pairs that repeat the one before"
+        checks = [
+            limited("frozen camera", frozen_share, "", alone, most=0.1),
+            # Half a second at 15 Hz [frames]; what both cameras show moves in both.
+            limited("stalled camera", longest, "frames", f"longest such time{where}", most=8, warns=True),
+            limited("repeated pairs", self.repeated, "", copies, most=MAX_REPEATED),
+        ]
+        if self._is_pair:
+            lag, apart = self._lag(steps)
+            checks.append(lag.check("synchronisation", second, apart=apart))
+        return checks
+
+    @property
+    def repeated(self) -> float:
+        """Share of the frames with movement around them that repeat the pair before; NaN where nothing moves."""
+        steps = self._steps()
+        active = np.count_nonzero(steps.is_active)
+        if not active:
+            return math.nan
+        copies = repeated_pairs(steps, self._is_pair)
+        return float(copies / (active + copies))
+
+    def _append(self, row: tuple[float, ...]) -> None:
+        if self._count == len(self._rows):
+            self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
+        self._rows[self._count] = row
+        self._count += 1
+
+    def _steps(self) -> Steps:
+        time_s, moved_share, *flags = self._rows[: self._count].T
+        return Steps(time_s, moved_share, *(np.asarray(flag > 0) for flag in flags))
+
+    def _lag(self, steps: Steps) -> tuple[Lag, bool]:
+        """The lag over all the time, or over its first half or its end where that leaves less doubt; and whether the
+        cameras are apart by it, or as far apart as pictures that were written twice leave them."""
+        if not steps.is_active.any() or not self._bands:
+            return Lag(), False
+        signals = np.stack(self._bands)
+        count = len(signals)
+        parts = []
+        if count // 2 >= WINDOW:
+            parts.append(signals[: count // 2])
+        # A camera may lose its step on the way, and stays behind to the end.
+        tails = (signals[count * k // GROUPS :] for k in range(2, GROUPS - 1))
+        parts += [tail for tail in tails if len(tail) >= MIN_TAIL]
+        lag = lag_of(signals[:, 0], signals[:, 1])
+        if lag.gain < SURELY:
+            sure = [part_lag for part in parts if (part_lag := lag_of(part[:, 0], part[:, 1])).gain >= SURELY]
+            lag = max(sure, key=lambda part_lag: part_lag.gain, default=lag)
+        if lag.apart:
+            return lag, True
+        behind, since = pictures_behind(steps)
+        if behind and MIN_FRAMES <= since < count:
+            tail = signals[count - since :]
+            lag_since = lag_of(tail[:, 0], tail[:, 1])
+            if math.isfinite(lag_since.frames) and round(lag_since.frames) == behind:
+                return lag_since, True
+        return lag, False
+
+
+def moved_pixels(before: AnyArray, now: AnyArray) -> Bool:
+    """(h, w) whether each pixel changed by more than noise."""
+    return np.asarray(cv2.absdiff(before, now) > MOVED_LEVEL, dtype=np.bool_)
+
+
+def repeats(before: AnyArray, now: AnyArray) -> bool:
+    """Whether an image is the one before to the last bit; without any depth nothing stands still."""
+    return bool((before == now).all() and before.any())
+
+
+def movement_in_bands(moved: Bool) -> F64:
+    """(BANDS,) root of the share of pixels that moved in each band, so that near walkers do not drown far ones."""
+    rows = len(moved) // BANDS * BANDS
+    return np.asarray(np.sqrt(moved[:rows].reshape(BANDS, -1).mean(axis=1)))
+
+
+def pictures_behind(steps: Steps) -> tuple[int, int]:
+    """How many pictures that were written twice leave the right camera behind the left one, and how many steps with
+    movement, or soon after it, there are from the last of them on."""
+    is_frozen = frozen(steps)
+    if not is_frozen.any():
+        return 0, len(steps.time_s)
+    behind = np.count_nonzero(is_frozen & steps.second_repeats) - np.count_nonzero(is_frozen & steps.first_repeats)
+    last = int(np.flatnonzero(is_frozen)[-1])
+    index = np.arange(last, len(steps.time_s))
+    last_active = np.maximum.accumulate(np.where(steps.is_active[last:], index, last))
+    return int(behind), int(np.count_nonzero(index - last_active <= LONGEST_LAG))
+
+
+def _who_stands(stall: Stall, first: str, second: str) -> str:
+    if stall.first and stall.second:
+        return f"the {first} and the {second} stand"
+    return f"the {first if stall.first else second} stands"
+
+
+def still_checks(seen: PairFrames | DepthFrames, frames: Sequence[Frame[Shot]]) -> list[Check]:
+    """Checks of recorded frames in order: do images or depth stand still or repeat, are cameras out of step?"""
+    watch = MotionWatch()
+    for frame in frames:
+        if isinstance(seen, PairFrames):
+            pair = seen.rectifier(*frame.images)
+            watch.update(thumbnails(pair.left_grey, pair.right_grey), frame.timestamp_s)
+        else:
+            image, depth_m = seen.rectifier(*frame.images)
+            depth = Depth.of_whole(image, seen.rectifier.disparity(depth_m), 1)
+            watch.update(thumbnails_of(depth), frame.timestamp_s)
+    return watch.checks()
+
+
+def repeated_check(images: Sequence[U8]) -> Check:
+    """Consecutive images of one camera that repeat the one before while something moves."""
+    watch = MotionWatch()
+    for image in images:
+        small = as_grey(image)[::COMPARED_STEP_PX, ::COMPARED_STEP_PX]
+        watch.update(Thumbnails(small, small))
+    note = "share of frames that repeat the one before"
+    return limited("repeated frames", watch.repeated, "", note, most=MAX_REPEATED, warns=True)
