@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calib.types import F64
 from planview.synthetic.mesh import Mesh, box, dome_rings, join, limb_rings, quad, rotation_z, sweep
@@ -21,71 +22,97 @@ DARK = Surface(colour="#303238", scale_m=0.03, contrast=0.25)
 
 def room_mesh(room: Room, palette: Palette) -> Mesh:
     """Everything that bounds the room, corridors behind its openings included."""
-    sx, sy, sz = room.size_m
-    floor, ceiling, wall = palette.add(room.floor), palette.add(room.ceiling), palette.add(room.walls)
-    parts = [quad((0, 0, 0), (sx, 0, 0), (0, sy, 0), floor), quad((0, sy, sz), (sx, 0, 0), (0, -sy, 0), ceiling)]
+    size_x, size_y, size_z = room.size_m
+    floor = palette.add(room.floor)
+    ceiling = palette.add(room.ceiling)
+    wall = palette.add(room.walls)
+    parts = [
+        quad((0, 0, 0), (size_x, 0, 0), (0, size_y, 0), floor),
+        quad((0, size_y, size_z), (size_x, 0, 0), (0, -size_y, 0), ceiling),
+    ]
     for side in get_args(Wall):
-        parts += [_rectangle(room, side, a, b, 0.0, sz, wall) for a, b in _spans(room, side)]
-    for o in room.openings:
-        if o.height_m < sz:
-            parts.append(_rectangle(room, o.wall, o.from_m, o.from_m + o.width_m, o.height_m, sz, wall))
-        parts += _corridor(room, o, floor, wall, ceiling)
-    for p in room.panels:
-        material = palette.add(p.surface, emission=0.9 if p.kind == "window" else 0.0)
-        right, top = p.from_m + p.width_m, p.bottom_m + p.height_m
-        parts.append(_rectangle(room, p.wall, p.from_m, right, p.bottom_m, top, material, proud_m=0.015))
+        for begin, end in _spans(room, side):
+            parts.append(_rectangle(room, side, begin, end, 0.0, size_z, wall))
+    for opening in room.openings:
+        if opening.height_m < size_z:
+            end = opening.from_m + opening.width_m
+            parts.append(_rectangle(room, opening.wall, opening.from_m, end, opening.height_m, size_z, wall))
+        parts += _corridor(room, opening, floor, wall, ceiling)
+    for panel in room.panels:
+        material = palette.add(panel.surface, emission=0.9 if panel.kind == "window" else 0.0)
+        end = panel.from_m + panel.width_m
+        top = panel.bottom_m + panel.height_m
+        parts.append(_rectangle(room, panel.wall, panel.from_m, end, panel.bottom_m, top, material, proud_m=0.015))
     return join(parts)
 
 
 def wall_frame(room: Room, wall: Wall) -> tuple[F64, F64, F64, float]:
     """Lower corner, direction along, direction into the room, and length of a wall."""
-    sx, sy, _ = room.size_m
-    x, y = np.array([1.0, 0, 0]), np.array([0, 1.0, 0])
+    size_x, size_y, _ = room.size_m
+    x = np.array([1.0, 0, 0])
+    y = np.array([0, 1.0, 0])
     return {
-        "south": (np.zeros(3), x, y, sx),
-        "north": (np.array([0, sy, 0.0]), x, -y, sx),
-        "west": (np.zeros(3), y, x, sy),
-        "east": (np.array([sx, 0.0, 0]), y, -x, sy),
+        "south": (np.zeros(3), x, y, size_x),
+        "north": (np.array([0, size_y, 0.0]), x, -y, size_x),
+        "west": (np.zeros(3), y, x, size_y),
+        "east": (np.array([size_x, 0.0, 0]), y, -x, size_y),
     }[wall]
 
 
 def _spans(room: Room, wall: Wall) -> list[tuple[float, float]]:
     """Where along a wall there is no opening."""
-    at, spans = 0.0, []
-    for o in sorted((o for o in room.openings if o.wall == wall), key=lambda o: o.from_m):
-        spans.append((at, o.from_m))
-        at = o.from_m + o.width_m
-    return [(a, b) for a, b in [*spans, (at, wall_frame(room, wall)[3])] if b > a]
+    openings = [opening for opening in room.openings if opening.wall == wall]
+    openings.sort(key=lambda opening: opening.from_m)
+    begin = 0.0
+    spans = []
+    for opening in openings:
+        spans.append((begin, opening.from_m))
+        begin = opening.from_m + opening.width_m
+    spans.append((begin, wall_frame(room, wall)[3]))
+    return [(begin, end) for begin, end in spans if end > begin]
 
 
 def wall_pieces(room: Room, wall: Wall) -> list[tuple[F64, F64]]:
     """Ends (2,) on the floor of the pieces of a wall around its openings."""
     corner, along, _, _ = wall_frame(room, wall)
-    return [((corner + a * along)[:2], (corner + b * along)[:2]) for a, b in _spans(room, wall)]
+    pieces = []
+    for begin, end in _spans(room, wall):
+        first = corner + begin * along
+        last = corner + end * along
+        pieces.append((first[:2], last[:2]))
+    return pieces
 
 
-def _rectangle(room: Room, wall: Wall, low: float, high: float, bottom: float, top: float, material: int,
-               proud_m: float = 0.0) -> Mesh:  # fmt: skip
+def _rectangle(
+    room: Room, wall: Wall, low: float, high: float, bottom: float, top: float, material: int, proud_m: float = 0.0
+) -> Mesh:
     """A piece of a wall facing the room."""
     corner, along, inward, _ = wall_frame(room, wall)
     up = np.array([0, 0, top - bottom])
     start = corner + along * low + inward * proud_m + np.array([0, 0, bottom])
     span = along * (high - low)
-    if np.dot(np.cross(along, [0, 0, 1.0]), inward) < 0:
-        start, span = start + span, -span
+    faces_out = np.dot(np.cross(along, [0, 0, 1.0]), inward) < 0
+    if faces_out:
+        start = start + span
+        span = -span
     return quad(start, span, up, material)
 
 
-def _corridor(room: Room, o: Opening, floor: int, wall: int, ceiling: int) -> list[Mesh]:
+CORRIDOR_SIDE_M = 1.5
+CORRIDOR_DEPTH_M = 3.5
+"""A corridor is wider than its opening by this on each side, and this deep."""
+
+
+def _corridor(room: Room, opening: Opening, floor: int, wall: int, ceiling: int) -> list[Mesh]:
     """Floor, sides, end and ceiling of the space behind an opening, wider than it."""
-    corner, along, inward, _ = wall_frame(room, o.wall)
+    corner, along, inward, _ = wall_frame(room, opening.wall)
     up = np.array([0, 0, room.size_m[2]])
-    side = 1.5
-    start = corner + along * (o.from_m - side)
-    # Depth of the corridor behind an opening.
-    span, out = along * (o.width_m + 2 * side), -inward * 3.5
-    faces_up = np.cross(span, out)[2] >= 0
-    ground = quad(start, span, out, floor) if faces_up else quad(start + span, -span, out, floor)
+    start = corner + along * (opening.from_m - CORRIDOR_SIDE_M)
+    span = along * (opening.width_m + 2 * CORRIDOR_SIDE_M)
+    out = -inward * CORRIDOR_DEPTH_M
+    ground = quad(start, span, out, floor)
+    if np.cross(span, out)[2] < 0:
+        ground = quad(start + span, -span, out, floor)
     return [
         Mesh(ground.vertices, ground.normals, ground.vertices, ground.triangles, ground.material),
         quad(start + out, span, up, wall),
@@ -107,51 +134,85 @@ def furniture_size(item: Furniture) -> Size:
     return item.size_m or _KINDS[item.kind][0]
 
 
-def _table(s: Size, main: int, dark: int) -> list[Mesh]:
-    x, y, z = s[0] / 2, s[1] / 2, s[2]
-    return [box((-x, -y, z - 0.03), (x, y, z), main), *_legs(x - 0.05, y - 0.05, z - 0.03, 0.025, dark)]
+def _half(size: Size) -> Size:
+    """Half the length, half the depth and the whole height, to build around the origin."""
+    length, depth, height = size
+    return length / 2, depth / 2, height
+
+
+def _table(size: Size, main: int, dark: int) -> list[Mesh]:
+    x, y, z = _half(size)
+    top = box((-x, -y, z - 0.03), (x, y, z), main)
+    return [top, *_legs(x - 0.05, y - 0.05, z - 0.03, 0.025, dark)]
 
 
 def _legs(x: float, y: float, top: float, half: float, dark: int) -> list[Mesh]:
     """Four square legs whose axes are at (+-x, +-y)."""
-    at = [(cx, cy) for cx in (-x, x) for cy in (-y, y)]
-    return [box((cx - half, cy - half, 0), (cx + half, cy + half, top), dark) for cx, cy in at]
+    legs = []
+    for axis_x in (-x, x):
+        for axis_y in (-y, y):
+            legs.append(box((axis_x - half, axis_y - half, 0), (axis_x + half, axis_y + half, top), dark))
+    return legs
 
 
-def _chair(s: Size, main: int, dark: int) -> list[Mesh]:
-    x, y, seat = s[0] / 2, s[1] / 2, 0.46
-    back = box((-x - 0.02, -y, seat + 0.12), (-x + 0.02, y, s[2]), main)
-    posts = [box((-x - 0.015, cy - 0.015, seat), (-x + 0.015, cy + 0.015, s[2]), dark) for cy in (-y + 0.03, y - 0.03)]
-    return [box((-x, -y, seat - 0.04), (x, y, seat), main), back, *posts, *_legs(x - 0.02, y - 0.02, seat, 0.018, dark)]
+SEAT_M = 0.46
+"""Height of a seat."""
 
 
-def _office_chair(s: Size, main: int, dark: int) -> list[Mesh]:
-    x, y, seat = s[0] / 2, s[1] / 2, 0.46
-    column = sweep([(0.08, 0.03, 0.03, 0, 0), (seat - 0.05, 0.03, 0.03, 0, 0)], dark, 8)
-    arms = []
+def _chair(size: Size, main: int, dark: int) -> list[Mesh]:
+    x, y, z = _half(size)
+    seat = box((-x, -y, SEAT_M - 0.04), (x, y, SEAT_M), main)
+    back = box((-x - 0.02, -y, SEAT_M + 0.12), (-x + 0.02, y, z), main)
+    posts = []
+    for axis_y in (-y + 0.03, y - 0.03):
+        posts.append(box((-x - 0.015, axis_y - 0.015, SEAT_M), (-x + 0.015, axis_y + 0.015, z), dark))
+    return [seat, back, *posts, *_legs(x - 0.02, y - 0.02, SEAT_M, 0.018, dark)]
+
+
+def _office_chair(size: Size, main: int, dark: int) -> list[Mesh]:
+    x, y, z = _half(size)
+    column = sweep([(0.08, 0.03, 0.03, 0, 0), (SEAT_M - 0.05, 0.03, 0.03, 0, 0)], dark, 8)
+    back_rings = [
+        (SEAT_M + 0.10, 0.0, 0.0, -x, 0),
+        (SEAT_M + 0.10, 0.03, y * 0.8, -x, 0),
+        (SEAT_M + 0.3, 0.035, y, -x, 0),
+        (z - 0.08, 0.03, y * 0.9, -x - 0.03, 0),
+        (z, 0.02, y * 0.6, -x - 0.04, 0),
+        (z, 0.0, 0.0, -x - 0.04, 0),
+    ]
+    cushion_rings = [
+        (SEAT_M - 0.06, 0.0, 0.0, 0, 0),
+        (SEAT_M - 0.06, x * 0.9, y * 0.9, 0, 0),
+        (SEAT_M - 0.02, x, y, 0, 0),
+        (SEAT_M, x * 0.9, y * 0.9, 0, 0),
+        (SEAT_M, 0.0, 0.0, 0, 0),
+    ]
+    back = sweep(back_rings, main, 16)
+    cushion = sweep(cushion_rings, main, 18)
+    post = box((-x - 0.03, -0.03, SEAT_M - 0.06), (-x, 0.03, SEAT_M + 0.3), dark)
+    return [column, *_star_base(dark), back, cushion, post]
+
+
+def _star_base(dark: int) -> list[Mesh]:
+    """Five arms with a castor each."""
+    flat = np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]], np.float64)
+    parts = []
     for k in range(5):
+        turn = rotation_z(2 * np.pi * k / 5)
         arm = sweep(limb_rings(0.28, (0.025, 0.018)), dark, 6)
-        angle = 2 * np.pi * k / 5
-        flat = np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]], np.float64)
-        turn = rotation_z(angle)
-        arms.append(arm.moved(turn @ flat, (0.0, 0.0, 0.07)))
-        arms.append(sweep(dome_rings(0.0, 0.06, (0.03, 0.03), (0.0, 0.0), 6), dark, 6).moved(
-            np.eye(3), turn @ np.array([0.28, 0.0, 0.0])))  # fmt: skip
-    back = sweep([(seat + 0.10, 0.0, 0.0, -x, 0), (seat + 0.10, 0.03, y * 0.8, -x, 0), (seat + 0.3, 0.035, y, -x, 0),
-                  (s[2] - 0.08, 0.03, y * 0.9, -x - 0.03, 0), (s[2], 0.02, y * 0.6, -x - 0.04, 0),
-                  (s[2], 0.0, 0.0, -x - 0.04, 0)], main, 16)  # fmt: skip
-    cushion = sweep([(seat - 0.06, 0.0, 0.0, 0, 0), (seat - 0.06, x * 0.9, y * 0.9, 0, 0), (seat - 0.02, x, y, 0, 0),
-                     (seat, x * 0.9, y * 0.9, 0, 0), (seat, 0.0, 0.0, 0, 0)], main, 18)  # fmt: skip
-    post = box((-x - 0.03, -0.03, seat - 0.06), (-x, 0.03, seat + 0.3), dark)
-    return [column, *arms, back, cushion, post]
+        castor = sweep(dome_rings(0.0, 0.06, (0.03, 0.03), (0.0, 0.0), 6), dark, 6)
+        parts.append(arm.moved(turn @ flat, (0.0, 0.0, 0.07)))
+        parts.append(castor.moved(np.eye(3), turn @ np.array([0.28, 0.0, 0.0])))
+    return parts
 
 
-def _block(s: Size, main: int, _dark: int) -> list[Mesh]:
-    return [box((-s[0] / 2, -s[1] / 2, 0), (s[0] / 2, s[1] / 2, s[2]), main)]
+def _block(size: Size, main: int, _dark: int) -> list[Mesh]:
+    x, y, z = _half(size)
+    return [box((-x, -y, 0), (x, y, z), main)]
 
 
-def _partition(s: Size, main: int, dark: int) -> list[Mesh]:
-    x, y, z = s[0] / 2, s[1] / 2, s[2]
+def _partition(size: Size, main: int, dark: int) -> list[Mesh]:
+    x, y, z = _half(size)
     return [
         box((-x, -y, 0.08), (x, y, z - 0.03), main),
         box((-x - 0.005, -y - 0.01, z - 0.03), (x + 0.005, y + 0.01, z), dark),
@@ -160,43 +221,60 @@ def _partition(s: Size, main: int, dark: int) -> list[Mesh]:
     ]
 
 
-def _shelf(s: Size, main: int, dark: int) -> list[Mesh]:
-    x, y, z = s[0] / 2, s[1] / 2, s[2]
+BOARD_STEP_M = 0.33
+"""Height between two boards of a shelf."""
+
+
+def _shelf(size: Size, main: int, dark: int) -> list[Mesh]:
+    x, y, z = _half(size)
     parts = [box((-x, -y, 0), (x - 0.06, y, z), main)]
-    for k in range(int(z / 0.33) + 1):
-        parts.append(box((-x, -y, min(k * 0.33, z - 0.02)), (x, y, min(k * 0.33 + 0.02, z)), dark))
-    return [*parts, box((-x, -y - 0.02, 0), (x, -y, z), dark), box((-x, y, 0), (x, y + 0.02, z), dark)]
+    for k in range(int(z / BOARD_STEP_M) + 1):
+        bottom = min(k * BOARD_STEP_M, z - 0.02)
+        top = min(k * BOARD_STEP_M + 0.02, z)
+        parts.append(box((-x, -y, bottom), (x, y, top), dark))
+    parts.append(box((-x, -y - 0.02, 0), (x, -y, z), dark))
+    parts.append(box((-x, y, 0), (x, y + 0.02, z), dark))
+    return parts
 
 
-def _plant(s: Size, main: int, dark: int) -> list[Mesh]:
-    pot = sweep([(0, 0.0, 0.0, 0, 0), (0, 0.13, 0.13, 0, 0), (0.3, 0.18, 0.18, 0, 0), (0.3, 0.0, 0.0, 0, 0)], dark, 14)
+def _plant(size: Size, main: int, dark: int) -> list[Mesh]:
+    pot_rings = [(0, 0.0, 0.0, 0, 0), (0, 0.13, 0.13, 0, 0), (0.3, 0.18, 0.18, 0, 0), (0.3, 0.0, 0.0, 0, 0)]
+    parts = [sweep(pot_rings, dark, 14)]
     rng = np.random.default_rng(7)
-    leaves = []
     for _ in range(22):
-        tilt, turn, length = rng.uniform(0.2, 1.1), rng.uniform(0, 2 * np.pi), rng.uniform(0.6, 1.0) * (s[2] - 0.3)
+        tilt = rng.uniform(0.2, 1.1)
+        turn = rng.uniform(0, 2 * np.pi)
+        length = rng.uniform(0.6, 1.0) * (size[2] - 0.3)
         leaf = sweep(dome_rings(0, length, (0.006, 0.055), n=6), main, 6)
-        c, n = np.cos(tilt), np.sin(tilt)
-        lean = np.array([[c, 0, n], [0, 1, 0], [-n, 0, c]])
-        leaves.append(leaf.moved(rotation_z(turn) @ lean, (0, 0, 0.28)))
-    return [pot, *leaves]
+        cosine = np.cos(tilt)
+        sine = np.sin(tilt)
+        lean = np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]])
+        parts.append(leaf.moved(rotation_z(turn) @ lean, (0, 0, 0.28)))
+    return parts
 
 
-def _sofa(s: Size, main: int, dark: int) -> list[Mesh]:
-    x, y, z = s[0] / 2, s[1] / 2, s[2]
-    return [box((-x, -y, 0.06), (x, y, 0.44), main), box((-x, -y, 0.44), (-x + 0.22, y, z), main),
-            box((-x, -y, 0.44), (x, -y + 0.18, 0.62), main), box((-x, y - 0.18, 0.44), (x, y, 0.62), main),
-            box((-x + 0.05, -y + 0.05, 0), (x - 0.05, y - 0.05, 0.06), dark)]  # fmt: skip
+def _sofa(size: Size, main: int, dark: int) -> list[Mesh]:
+    x, y, z = _half(size)
+    return [
+        box((-x, -y, 0.06), (x, y, 0.44), main),
+        box((-x, -y, 0.44), (-x + 0.22, y, z), main),
+        box((-x, -y, 0.44), (x, -y + 0.18, 0.62), main),
+        box((-x, y - 0.18, 0.44), (x, y, 0.62), main),
+        box((-x + 0.05, -y + 0.05, 0), (x - 0.05, y - 0.05, 0.06), dark),
+    ]
 
 
-def _column(s: Size, main: int, _dark: int) -> list[Mesh]:
-    x, y, z = s[0] / 2, s[1] / 2, s[2]
+def _column(size: Size, main: int, _dark: int) -> list[Mesh]:
+    x, y, z = _half(size)
     return [sweep([(0, 0.0, 0.0, 0, 0), (0, x, y, 0, 0), (z, x, y, 0, 0), (z, 0.0, 0.0, 0, 0)], main, 24)]
 
 
-def _bench(s: Size, main: int, dark: int) -> list[Mesh]:
-    x, y, z = s[0] / 2, s[1] / 2, s[2]
-    feet = [box((-x + 0.03, cy - 0.03, 0), (x - 0.03, cy + 0.03, z - 0.05), dark) for cy in (-y * 0.7, y * 0.7)]
-    return [box((-x, -y, z - 0.05), (x, y, z), main), *feet]
+def _bench(size: Size, main: int, dark: int) -> list[Mesh]:
+    x, y, z = _half(size)
+    parts = [box((-x, -y, z - 0.05), (x, y, z), main)]
+    for foot_y in (-y * 0.7, y * 0.7):
+        parts.append(box((-x + 0.03, foot_y - 0.03, 0), (x - 0.03, foot_y + 0.03, z - 0.05), dark))
+    return parts
 
 
 _KINDS: dict[FurnitureKind, tuple[Size, Surface, Builder]] = {
@@ -219,19 +297,32 @@ class Obstacles:
     """Footprints of standing furniture and of walls around their openings, as oriented rectangles."""
 
     def __init__(self, room: Room, furniture: Sequence[Furniture]) -> None:
-        low = [f for f in furniture if f.z_m < 1.8 and not f.moves]
-        walls = [piece for side in get_args(Wall) for piece in wall_pieces(room, side)]
-        middles = [(a + b) / 2 for a, b in walls]
-        spans = [b - a for a, b in walls]
-        self._centre = np.array([*(f.at_m for f in low), *middles], np.float64).reshape(-1, 2)
-        self._angle = np.array([*(np.deg2rad(f.heading_deg) for f in low), *(np.arctan2(v[1], v[0]) for v in spans)])
-        sizes = [*(furniture_size(f)[:2] for f in low), *((float(np.hypot(v[0], v[1])), 0.02) for v in spans)]
+        centres: list[ArrayLike] = []
+        angles: list[float] = []
+        sizes: list[tuple[float, float]] = []
+        for item in furniture:
+            if item.z_m >= 1.8 or item.moves:
+                continue
+            length_m, depth_m, _ = furniture_size(item)
+            centres.append(item.at_m)
+            angles.append(float(np.deg2rad(item.heading_deg)))
+            sizes.append((length_m, depth_m))
+        for side in get_args(Wall):
+            for first, last in wall_pieces(room, side):
+                along = last - first
+                centres.append((first + last) / 2)
+                angles.append(float(np.arctan2(along[1], along[0])))
+                sizes.append((float(np.hypot(along[0], along[1])), 0.02))
+        self._centre = np.array(centres, np.float64).reshape(-1, 2)
+        self._angle = np.array(angles)
         self._half = np.array(sizes, np.float64).reshape(-1, 2) / 2
 
     def distance(self, points: F64) -> F64:
         """(N,) distance of points (N, 2) from the nearest footprint, 0 inside."""
-        d = points[:, None, :] - self._centre
-        c, s = np.cos(self._angle), np.sin(self._angle)
-        local = np.stack([d[..., 0] * c + d[..., 1] * s, -d[..., 0] * s + d[..., 1] * c], -1)
-        outside = np.maximum(np.abs(local) - self._half, 0.0)
+        away = points[:, None, :] - self._centre
+        cosine = np.cos(self._angle)
+        sine = np.sin(self._angle)
+        along = away[..., 0] * cosine + away[..., 1] * sine
+        across = -away[..., 0] * sine + away[..., 1] * cosine
+        outside = np.maximum(np.abs(np.stack([along, across], -1)) - self._half, 0.0)
         return np.asarray(np.hypot(outside[..., 0], outside[..., 1]).min(axis=1))
