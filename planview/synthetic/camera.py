@@ -60,9 +60,10 @@ def camera_view(camera: Camera, room_SE3_camera: SE3) -> CameraView:
 
 def ground_view(camera: GroundCamera, room_SE3_world: SE3) -> CameraView:
     """A view through the four-parameter camera, whose world frame is placed in the room."""
-    c, s = np.cos(camera.tilt_rad), np.sin(camera.tilt_rad)
+    cosine = np.cos(camera.tilt_rad)
+    sine = np.sin(camera.tilt_rad)
     # Columns: camera x right, y down, z forward in the world of the camera.
-    rotation = np.array([[1.0, 0.0, 0.0], [0.0, -c, s], [0.0, -s, -c]])
+    rotation = np.array([[1.0, 0.0, 0.0], [0.0, -cosine, sine], [0.0, -sine, -cosine]])
     world_SE3_camera = SE3(rotation, np.array([0.0, 0.0, camera.height_m]))
 
     def project(points: F64) -> F64:
@@ -77,10 +78,11 @@ def ground_view(camera: GroundCamera, room_SE3_world: SE3) -> CameraView:
 
 def mount_pose(mount: Mount) -> SE3:
     """room_SE3_camera of a mount: x right, y down, z forward."""
-    a, b = math.radians(mount.heading_deg), math.radians(mount.tilt_deg)
-    ahead = np.array([math.cos(a), math.sin(a), 0.0])
+    heading = math.radians(mount.heading_deg)
+    tilt = math.radians(mount.tilt_deg)
+    ahead = np.array([math.cos(heading), math.sin(heading), 0.0])
     up = np.array([0.0, 0.0, 1.0])
-    forward = math.sin(b) * ahead - math.cos(b) * up
+    forward = math.sin(tilt) * ahead - math.cos(tilt) * up
     right = np.cross(ahead, up)
     down = np.cross(forward, right)
     rotation = np.column_stack([right, down, forward])
@@ -90,12 +92,14 @@ def mount_pose(mount: Mount) -> SE3:
 
 def stereo_rig(mount: Rig) -> StereoRig:
     """The rig's true calibration."""
-    cx, cy = (mount.width - 1) / 2, (mount.height - 1) / 2
-    ox, oy = mount.centre_offset_px
-    k = tuple(mount.distortion)
-    fx, fy = mount.focal_px, mount.focal_px * mount.aspect
-    left = Camera(mount.width, mount.height, fx, fy, cx + ox, cy + oy, "brown", k)
-    right = Camera(mount.width, mount.height, fx, fy, cx - ox, cy - oy, "brown", tuple(0.97 * c for c in k))
+    size = mount.width, mount.height
+    focal_px = mount.focal_px, mount.focal_px * mount.aspect
+    centre_x = (mount.width - 1) / 2
+    centre_y = (mount.height - 1) / 2
+    off_x, off_y = mount.centre_offset_px
+    right_distortion = tuple(0.97 * coefficient for coefficient in mount.distortion)
+    left = Camera(*size, *focal_px, centre_x + off_x, centre_y + off_y, "brown", tuple(mount.distortion))
+    right = Camera(*size, *focal_px, centre_x - off_x, centre_y - off_y, "brown", right_distortion)
     left_SE3_right = SE3.from_rotvec(np.deg2rad(mount.right_rotation_deg), [mount.baseline_m, *mount.right_offset_m])
     return StereoRig(left, right, left_SE3_right.inverse(), "rendered")
 

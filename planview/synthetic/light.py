@@ -20,6 +20,12 @@ EPSILON_M = 2e-3
 NEAR_M = 1.0
 """Lamps are no brighter nearer than this: they are panels, not points, and shine downwards."""
 
+SUN_RAY_M = 60.0
+"""Length of shadow rays towards the sun."""
+
+CONTACT_M = 0.8
+"""Contact shadows fall on surfaces that are nearer than this."""
+
 
 @dataclass(frozen=True, eq=False)
 class Hits:
@@ -42,10 +48,11 @@ class Hits:
 
     def interpolate(self, mesh: Mesh, values: F32, chosen: np.ndarray[Any, Any]) -> F32:
         """Vertex values (V, C) at the chosen hits."""
-        corners = mesh.triangles[self.triangle[chosen]]
-        u, v = self.u[chosen, None], self.v[chosen, None]
-        a, b, c = values[corners[:, 0]], values[corners[:, 1]], values[corners[:, 2]]
-        return np.asarray(a * (1 - u - v) + b * u + c * v, np.float32)
+        first, second, third = mesh.triangles[self.triangle[chosen]].T
+        u = self.u[chosen, None]
+        v = self.v[chosen, None]
+        mixed = values[first] * (1 - u - v) + values[second] * u + values[third] * v
+        return np.asarray(mixed, np.float32)
 
 
 class Tracer:
@@ -58,22 +65,22 @@ class Tracer:
         self._tensor = o3d.core.Tensor.from_numpy
         self._scene = None
         if mesh is not None:
+            vertices = np.ascontiguousarray(mesh.vertices)
+            triangles = np.ascontiguousarray(mesh.triangles.astype(np.uint32))
             self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-            self._scene.add_triangles(
-                self._tensor(np.ascontiguousarray(mesh.vertices)),
-                self._tensor(np.ascontiguousarray(mesh.triangles.astype(np.uint32))),
-            )
+            self._scene.add_triangles(self._tensor(vertices), self._tensor(triangles))
 
     def cast(self, rays: F32) -> Hits:
         """First hits of rays (N, 6)."""
         if self._scene is None or len(rays) == 0:
-            n, zero = len(rays), np.zeros(len(rays), np.float32)
-            return Hits(np.full(n, np.inf, np.float32), np.full(n, -1, np.int32), zero, zero)
+            zero = np.zeros(len(rays), np.float32)
+            return Hits(np.full_like(zero, np.inf), np.full(len(rays), -1, np.int32), zero, zero)
         answer = self._scene.cast_rays(self._tensor(np.ascontiguousarray(rays)), nthreads=1)
         depth = answer["t_hit"].numpy()
-        uv = answer["primitive_uvs"].numpy()
-        triangle = np.where(np.isfinite(depth), answer["primitive_ids"].numpy().astype(np.int64), -1)
-        return Hits(depth, triangle.astype(np.int32), uv[:, 0], uv[:, 1])
+        u, v = answer["primitive_uvs"].numpy().T
+        triangle = answer["primitive_ids"].numpy().astype(np.int64)
+        triangle[~np.isfinite(depth)] = -1
+        return Hits(depth, triangle.astype(np.int32), u, v)
 
     def blocked(self, origins: F32, to: F32) -> Bool:
         """Whether something lies between origins (N, 3) and the ends of vectors ``to`` (N, 3)."""
@@ -86,7 +93,8 @@ class Tracer:
 
 def level_at(frames: Keyframes, t: float) -> float:
     """Keyframed value at a time."""
-    return float(np.interp(t, [k[0] for k in frames], [k[1] for k in frames]))
+    times_s, values = zip(*frames, strict=True)
+    return float(np.interp(t, times_s, values))
 
 
 def ambient(normals: F32) -> F32:
@@ -98,9 +106,9 @@ def light_vectors(light: Light, points: F32, offset: F64) -> F32:
     """(N, 3) vectors from points to a sample of the light; offset (3,) in its unit ball."""
     if light.kind == "sun":
         towards = np.asarray(light.towards, np.float64)
-        direction = -towards / np.linalg.norm(towards) + np.tan(np.deg2rad(light.softness_deg)) * offset
-        # Length of shadow rays towards the sun.
-        return np.broadcast_to((direction * 60.0).astype(np.float32), points.shape)
+        softness = np.tan(np.deg2rad(light.softness_deg))
+        direction = -towards / np.linalg.norm(towards) + softness * offset
+        return np.broadcast_to((direction * SUN_RAY_M).astype(np.float32), points.shape)
     centre = np.asarray(light.at_m, np.float64) + light.radius_m * offset
     return np.asarray(centre.astype(np.float32) - points, np.float32)
 
@@ -109,9 +117,11 @@ def irradiance(light: Light, room: Room, points: F32, normals: F32) -> F32:
     """(N,) light on surfaces without shadows, before dimming; grey."""
     to = light_vectors(light, points, np.zeros(3))
     distance = np.linalg.norm(to, axis=1)
-    cosine = np.clip(np.einsum("ij,ij->i", to, normals) / np.maximum(distance, 1e-6), 0, 1)
+    along_normal = np.einsum("ij,ij->i", to, normals)
+    cosine = np.clip(along_normal / np.maximum(distance, 1e-6), 0, 1)
     if light.kind == "point":
-        return np.asarray(light.level * cosine * (2.0 / np.maximum(distance, NEAR_M)) ** 2, np.float32)
+        falloff = (2.0 / np.maximum(distance, NEAR_M)) ** 2
+        return np.asarray(light.level * cosine * falloff, np.float32)
     result = light.level * cosine
     if light.window is not None:
         result = result * _through_window(light, room, points, to)
@@ -126,8 +136,11 @@ def _through_window(light: Light, room: Room, points: F32, to: F32) -> F32:
     distance = (points - corner) @ inward
     t = np.where(approach > 1e-6, distance / np.maximum(approach, 1e-6), np.nan)
     at = points + to * t[:, None] - corner
-    a, z = at @ along - panel.from_m, at[:, 2] - panel.bottom_m
-    edge = np.minimum(np.minimum(a, panel.width_m - a), np.minimum(z, panel.height_m - z))
+    across = at @ along - panel.from_m
+    above = at[:, 2] - panel.bottom_m
+    across_edge = np.minimum(across, panel.width_m - across)
+    above_edge = np.minimum(above, panel.height_m - above)
+    edge = np.minimum(across_edge, above_edge)
     return np.asarray(np.clip(np.nan_to_num(edge, nan=-1.0) / 0.03 + 0.5, 0, 1), np.float32)
 
 
@@ -151,29 +164,32 @@ def ball_samples(n: int) -> F64:
     k = np.arange(n) + 0.5
     z = 1 - 2 * k / n
     angle = np.pi * (1 + 5**0.5) * k
-    r = np.sqrt(1 - z * z)
-    return 0.8 * np.column_stack([r * np.cos(angle), r * np.sin(angle), z])
+    radius = np.sqrt(1 - z * z)
+    return 0.8 * np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
 
 
 def hemisphere(n: int, turn: int) -> F32:
     """(n, 3) cosine-weighted directions about z, turned so that several sets fill the gaps."""
     k = np.arange(n) + 0.5
-    r = np.sqrt(k / n)
+    radius = np.sqrt(k / n)
     angle = np.pi * (3 - 5**0.5) * (k * (turn + 1)) + 2.4 * turn
-    return np.column_stack([r * np.cos(angle), r * np.sin(angle), np.sqrt(1 - r * r)]).astype(np.float32)
+    height = np.sqrt(1 - radius * radius)
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height]).astype(np.float32)
 
 
-def openness(tracer: Tracer, points: F32, normals: F32, directions: F32, reach_m: float = 0.8) -> F32:
-    """(N,) share of directions about the normals in which nothing is within reach: soft contact shadows."""
-    seen = np.zeros(len(points), np.float32)
-    origins = points + EPSILON_M * normals
-    helper = np.where(np.abs(normals[:, 2:]) < 0.9, np.array([0, 0, 1], np.float32), np.array([1, 0, 0], np.float32))
-    side = np.cross(helper, normals)
+def openness(tracer: Tracer, points: F32, normals: F32, directions: F32) -> F32:
+    """(N,) share of directions about the normals in which nothing is within CONTACT_M: soft contact shadows."""
+    x_axis = np.array([1, 0, 0], np.float32)
+    z_axis = np.array([0, 0, 1], np.float32)
+    is_upright = np.abs(normals[:, 2:]) >= 0.9
+    side = np.cross(np.where(is_upright, x_axis, z_axis), normals)
     side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-9)
     other = np.cross(normals, side)
-    for d in directions:
-        to = (reach_m * (d[0] * side + d[1] * other + d[2] * normals)).astype(np.float32)
-        seen += ~tracer.blocked(origins, to)
+    origins = points + EPSILON_M * normals
+    seen = np.zeros(len(points), np.float32)
+    for along_side, along_other, along_normal in directions:
+        direction = along_side * side + along_other * other + along_normal * normals
+        seen += ~tracer.blocked(origins, (CONTACT_M * direction).astype(np.float32))
     return np.asarray(seen / len(directions), np.float32)
 
 
@@ -198,7 +214,8 @@ class Surfaces:
 
 def surfaces(hits: Hits, mesh: Mesh, rays: F32, palette: Palette, pixel_rad: float, chosen: I64) -> Surfaces:
     """What the chosen rays hit; ``pixel_rad`` is the angle of a pixel."""
-    direction, depth = rays[chosen, 3:], hits.depth[chosen]
+    direction = rays[chosen, 3:]
+    depth = hits.depth[chosen]
     points = rays[chosen, :3] + direction * depth[:, None]
     normals = hits.interpolate(mesh, mesh.normals, chosen)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
@@ -206,17 +223,21 @@ def surfaces(hits: Hits, mesh: Mesh, rays: F32, palette: Palette, pixel_rad: flo
     facing = np.einsum("ij,ij->i", normals, direction) / length
     normals[facing > 0] *= -1
     # Between the footprint across and along the view: textures stay visible on floors seen at a low angle.
-    footprint = depth * length * pixel_rad / np.sqrt(np.clip(np.abs(facing), 0.08, 1.0))
+    slant = np.sqrt(np.clip(np.abs(facing), 0.08, 1.0))
+    footprint = depth * length * pixel_rad / slant
     material = mesh.material[hits.triangle[chosen]]
-    albedo = palette.albedo(material, hits.interpolate(mesh, mesh.local, chosen), footprint.astype(np.float32))
+    local = hits.interpolate(mesh, mesh.local, chosen)
+    albedo = palette.albedo(material, local, footprint.astype(np.float32))
     return Surfaces(points.astype(np.float32), normals, albedo, palette.emission[material], palette.gloss[material])
 
 
 def mirrored(rays: F32, at: Surfaces) -> F32:
     """(N, 6) rays that leave glossy surfaces towards what they mirror."""
     direction = rays[:, 3:] / np.linalg.norm(rays[:, 3:], axis=1, keepdims=True)
-    out = direction - 2 * np.einsum("ij,ij->i", direction, at.normals)[:, None] * at.normals
-    return np.concatenate([at.points + EPSILON_M * at.normals, out], axis=1).astype(np.float32)
+    along_normal = np.einsum("ij,ij->i", direction, at.normals)
+    out = direction - 2 * along_normal[:, None] * at.normals
+    origins = at.points + EPSILON_M * at.normals
+    return np.concatenate([origins, out], axis=1).astype(np.float32)
 
 
 class LightStack:
@@ -229,7 +250,8 @@ class LightStack:
     """
 
     def __init__(self, n: int, lamps: int) -> None:
-        self.glow, self.ambient = np.zeros((n, 3), np.float32), np.zeros((n, 3), np.float32)
+        self.glow = np.zeros((n, 3), np.float32)
+        self.ambient = np.zeros((n, 3), np.float32)
         self.lit = [np.zeros((n, 3), np.float32) for _ in range(lamps)]
 
     def add(self, index: I64, at: Surfaces, weight: F32, open_share: F32, lamps: list[F32]) -> None:
@@ -257,7 +279,9 @@ class Shader:
     """Light on surfaces of a scene, past what does not move."""
 
     def __init__(self, scene: Scene, solid: Tracer, furniture: Tracer) -> None:
-        self._scene, self._solid, self._furniture = scene, solid, furniture
+        self._scene = scene
+        self._solid = solid
+        self._furniture = furniture
 
     def lamps(self, at: Surfaces, samples: F64, moving: Tracer | None = None) -> list[F32]:
         """Per lamp (N, 3) light at nominal level; samples (S, 3) of the lamps' balls decide shadows."""
@@ -268,7 +292,8 @@ class Shader:
             if lamp.shadows and len(lit):
                 # The sun comes from outside: walls and ceiling do not shade it.
                 blockers = [self._furniture if lamp.kind == "sun" else self._solid]
-                blockers += [moving] if moving is not None else []
+                if moving is not None:
+                    blockers.append(moving)
                 light[lit] *= visibility(lamp, blockers, at.points[lit], at.normals[lit], samples)
             result.append(np.asarray(light[:, None] * linear_colour(lamp.colour), np.float32))
         return result
@@ -280,7 +305,8 @@ class Shader:
     def colour(self, at: Surfaces, t: float, moving: Tracer) -> F32:
         """(N, 3) radiance of moving surfaces at a time."""
         lights = self._scene.lights
-        total = (ambient(at.normals) * np.float32(lights.ambient * level_at(lights.ambient_dim, t)))[:, None]
+        level = np.float32(lights.ambient * level_at(lights.ambient_dim, t))
+        total = (ambient(at.normals) * level)[:, None]
         for lamp, light in zip(lights.lamps, self.lamps(at, np.zeros((1, 3)), moving), strict=True):
             total = total + light * np.float32(level_at(lamp.dim, t))
         return np.asarray(at.albedo * (total + at.emission[:, None]), np.float32)

@@ -34,6 +34,11 @@ from planview.synthetic.scene import (
 TICK_HZ = 60.0
 ACTIONS = ("sit", "floor", "reach", "bend", "carry", "push", "low", "crouch")
 """Postures, each with a weight from 0 to 1."""
+HIPS_BACK_M = 0.32
+SIT_DOWN_S = 0.7
+"""How far the hips move back, and how long it takes, when somebody sits down on a chair."""
+LOW_SEAT_M = 0.4
+"""Benches and boxes lower than this are sat on with raised knees."""
 WALK_STEP_S = 0.1
 """Time between two decisions of a wanderer [s]."""
 PERSONAL_M = 0.62
@@ -90,18 +95,19 @@ class Motion:
     def places(self, times: F64) -> F64:
         """(N, 2) hips at times (N,) [s]; NaN while the person does not exist."""
         ticks = self.first_s + np.arange(len(self.xy)) / TICK_HZ
-        xy = np.column_stack([np.interp(times, ticks, self.xy[:, c]) for c in (0, 1)])
+        x, y = self.xy.T
+        xy = np.column_stack([np.interp(times, ticks, x), np.interp(times, ticks, y)])
         xy[(times < self.first_s) | (times >= self.last_s)] = np.nan
         return xy
 
     def at(self, t: float) -> tuple[F64, float, float, float, F64]:
         """Hips (2,), heading, phase, speed and action weights at a time [s]."""
-        u = np.clip((t - self.first_s) * TICK_HZ, 0, len(self.xy) - 1)
-        i = min(int(u), len(self.xy) - 2)
-        w = u - i
+        tick = np.clip((t - self.first_s) * TICK_HZ, 0, len(self.xy) - 1)
+        before = min(int(tick), len(self.xy) - 2)
+        share = tick - before
 
-        def mix(a: F64) -> F64:
-            return np.asarray((1 - w) * a[i] + w * a[i + 1])
+        def mix(values: F64) -> F64:
+            return np.asarray((1 - share) * values[before] + share * values[before + 1])
 
         return mix(self.xy), float(mix(self.heading)), float(mix(self.phase)), float(mix(self.speed)), mix(self.actions)
 
@@ -169,8 +175,11 @@ def scripted_motion(person: ScenePerson, furniture: dict[str, Furniture], end_s:
     done = script.now_s
     if done < end_s + 1:
         script.stay(end_s + 1 - done, np.nan)
-    xy, facing, actions = (np.concatenate(parts) for parts in (script.xy, script.face, script.actions))
-    motion = motion_from_ticks(person, xy, facing, actions, tuple(script.handlings), done if person.leaves else np.inf)
+    xy = np.concatenate(script.xy)
+    facing = np.concatenate(script.face)
+    actions = np.concatenate(script.actions)
+    last_s = done if person.leaves else np.inf
+    motion = motion_from_ticks(person, xy, facing, actions, tuple(script.handlings), last_s)
     return replace(motion, script_end_s=done)
 
 
@@ -205,8 +214,10 @@ def step_length_m(height_m: float, speed_mps: F64) -> F64:
 
 def _walk(script: _Script, step: Walk) -> None:
     begin = script.now_s
+    carries = float(step.carry is not None)
+    pushes = float(step.push is not None)
     for point in step.go:
-        script.walk(point, step.speed_mps, carry=float(step.carry is not None), push=float(step.push is not None))
+        script.walk(point, step.speed_mps, carry=carries, push=pushes)
     for name, how in ((step.push, "push"), (step.carry, "carry")):
         if name is not None:
             script.handlings.append(Handling(name, how, begin, script.now_s, step.put_z_m))
@@ -214,16 +225,16 @@ def _walk(script: _Script, step: Walk) -> None:
 
 def _sit(script: _Script, seconds: float, chair: Furniture, face: float) -> None:
     """Step back onto a chair, sit and stand up."""
-    front = float(np.deg2rad(chair.heading_deg)) if not np.isfinite(face) else face
-    # How far the hips move back when sitting down on a chair.
-    ahead = np.asarray(chair.at_m) + 0.32 * np.array([np.cos(front), np.sin(front)])
-    script.walk(ahead, 0.8)
-    script.stay(0.7, front)
-    # Benches and boxes lower than this are sat on with raised knees.
-    low = chair.kind in ("bench", "box") and furniture_size(chair)[2] < 0.4
-    seat = np.tile(np.asarray(chair.at_m, np.float64), (max(1, round(seconds * TICK_HZ)), 1))
-    script.add(seat, front, sit=float(not low), low=float(low))
-    script.add(np.tile(ahead, (round(0.7 * TICK_HZ), 1)), front)
+    front = face if np.isfinite(face) else float(np.deg2rad(chair.heading_deg))
+    seat = np.asarray(chair.at_m, np.float64)
+    before = seat + HIPS_BACK_M * np.array([np.cos(front), np.sin(front)])
+    script.walk(before, 0.8)
+    script.stay(SIT_DOWN_S, front)
+    _, _, height_m = furniture_size(chair)
+    is_low = chair.kind in ("bench", "box") and height_m < LOW_SEAT_M
+    ticks = max(1, round(seconds * TICK_HZ))
+    script.add(np.tile(seat, (ticks, 1)), front, sit=float(not is_low), low=float(is_low))
+    script.add(np.tile(before, (round(SIT_DOWN_S * TICK_HZ), 1)), front)
 
 
 @dataclass
@@ -250,24 +261,28 @@ class _Walker:
 def wander(scene: Scene, scripted: Sequence[Motion]) -> list[Motion]:
     """The motions of all people, of which wanderers walk on when the steps of ``scripted`` end; the seed of the scene
     decides their walks."""
-    walkers = {
-        i: _Walker(p, p.wander, begin, scripted[i].at(begin)[0], np.random.default_rng([scene.seed, i]))
-        for i, p in enumerate(scene.people)
-        for begin in (scripted[i].script_end_s,)
-        if p.wander is not None
-    }
+    walkers = {}
+    for i, person in enumerate(scene.people):
+        if person.wander is not None:
+            begin_s = scripted[i].script_end_s
+            place, *_ = scripted[i].at(begin_s)
+            rng = np.random.default_rng([scene.seed, i])
+            walkers[i] = _Walker(person, person.wander, begin_s, place, rng)
     obstacles = Obstacles(scene.room, scene.furniture)
     for walker in walkers.values():
         _new_goal(walker, obstacles)
     for k in range(int((scene.duration_s + 1) / WALK_STEP_S) + 1):
         _advance(k * WALK_STEP_S, walkers, scripted, obstacles)
-    return [
-        _merged(scene.people[i], motion, walkers[i]) if i in walkers else motion for i, motion in enumerate(scripted)
-    ]
+    motions = list(scripted)
+    for i, walker in walkers.items():
+        motions[i] = _join_walk(scripted[i], walker)
+    return motions
 
 
 def _advance(t: float, walkers: dict[int, _Walker], scripted: Sequence[Motion], obstacles: Obstacles) -> None:
-    places, velocities, owners = [], [], []
+    places = []
+    velocities = []
+    owners = []
     for i, motion in enumerate(scripted):
         walker = walkers.get(i)
         if walker is not None and t >= walker.begin:
@@ -280,12 +295,13 @@ def _advance(t: float, walkers: dict[int, _Walker], scripted: Sequence[Motion], 
             places.append(here)
             velocities.append((motion.at(t + 0.1)[0] - here) / 0.1)
             owners.append(i)
-    where, how, who = np.array(places).reshape(-1, 2), np.array(velocities).reshape(-1, 2), np.array(owners)
+    where = np.array(places).reshape(-1, 2)
+    moving = np.array(velocities).reshape(-1, 2)
     for i, walker in walkers.items():
         if walker.begin <= t < walker.gone_s:
             walker.track.append(walker.place.copy())
-            others = who != i
-            _step(walker, t, where[others], how[others], obstacles)
+            is_other = np.array(owners) != i
+            _step(walker, t, where[is_other], moving[is_other], obstacles)
 
 
 def _step(walker: _Walker, t: float, others: F64, moving: F64, obstacles: Obstacles) -> None:
@@ -325,10 +341,12 @@ def _danger(place: F64, candidates: F64, others: F64, moving: F64) -> F64:
 
 def _think(walker: _Walker, t: float, obstacles: Obstacles) -> None:
     """Choose the next goal: on arrival, when stuck, or when it is time to leave."""
-    plan, exits = walker.wander, walker.wander.exit_m
+    plan = walker.wander
+    exits = plan.exit_m
     distance = float(np.linalg.norm(walker.goal - walker.place))
     if plan.until_s is not None and t >= plan.until_s and exits and walker.leaving < 0:
-        walker.leaving, walker.rest_until = 0, t
+        walker.leaving = 0
+        walker.rest_until = t
         _aim(walker, exits[0])
     elif walker.leaving >= 0 and distance < 0.35:
         walker.leaving += not walker.detour
@@ -340,7 +358,9 @@ def _think(walker: _Walker, t: float, obstacles: Obstacles) -> None:
         walker.rest_until = t + walker.rng.uniform(*plan.pause_s)
         _new_goal(walker, obstacles)
     elif t >= walker.rest_until:
-        walker.stuck_s = 0.0 if distance < walker.best_m - 0.05 else walker.stuck_s + WALK_STEP_S
+        walker.stuck_s += WALK_STEP_S
+        if distance < walker.best_m - 0.05:
+            walker.stuck_s = 0.0
         walker.best_m = min(walker.best_m, distance)
         if walker.stuck_s > 3.0 and walker.leaving < 0:
             _new_goal(walker, obstacles)
@@ -353,8 +373,10 @@ def _think(walker: _Walker, t: float, obstacles: Obstacles) -> None:
 
 
 def _aim(walker: _Walker, goal: ArrayLike, *, detour: bool = False) -> None:
-    walker.goal, walker.detour = np.asarray(goal, np.float64), detour
-    walker.best_m, walker.stuck_s = np.inf, 0.0
+    walker.goal = np.asarray(goal, np.float64)
+    walker.detour = detour
+    walker.best_m = np.inf
+    walker.stuck_s = 0.0
 
 
 def _new_goal(walker: _Walker, obstacles: Obstacles) -> None:
@@ -368,14 +390,15 @@ def _new_goal(walker: _Walker, obstacles: Obstacles) -> None:
     _aim(walker, goal)
 
 
-def _merged(person: ScenePerson, scripted: Motion, walker: _Walker) -> Motion:
+def _join_walk(scripted: Motion, walker: _Walker) -> Motion:
     """Steps first, then the walk, as one motion."""
     n = max(1, round((walker.begin - scripted.first_s) * TICK_HZ))
-    times = np.arange(len(walker.track) * int(TICK_HZ * WALK_STEP_S)) / TICK_HZ
-    track = np.array(walker.track) if walker.track else walker.place[None]
-    known = np.arange(len(track)) * WALK_STEP_S
-    walk = np.column_stack([np.interp(times, known, track[:, c]) for c in (0, 1)])
+    track = np.array(walker.track or [walker.place])
+    times_s = np.arange(len(walker.track) * int(TICK_HZ * WALK_STEP_S)) / TICK_HZ
+    track_s = np.arange(len(track)) * WALK_STEP_S
+    x, y = track.T
+    walk = np.column_stack([np.interp(times_s, track_s, x), np.interp(times_s, track_s, y)])
     xy = np.concatenate([scripted.raw_xy[:n], walk])
     actions = np.concatenate([scripted.raw_actions[:n], np.zeros((len(walk), len(ACTIONS)))])
     face = np.concatenate([scripted.raw_face[:n], np.full(len(walk), np.nan)])
-    return motion_from_ticks(person, xy, face, actions, scripted.handlings, walker.gone_s)
+    return motion_from_ticks(walker.person, xy, face, actions, scripted.handlings, walker.gone_s)
