@@ -45,54 +45,61 @@ class SensorModel:
         self, sensor: Sensor, shape: tuple[int, int], gain: float, seed: tuple[int, int], capture: Capture | None = None
     ) -> None:
         """``gain`` scales linear light to 1 at full scale; ``shape`` is (H, W); the last of ``seed`` is the camera."""
-        self._capture, self._empty_level = capture or Capture(), sensor.brightness
-        self._sensor, self._gain, self._seed = sensor, gain * (1.0 + seed[1] * sensor.mismatch), seed
+        self._capture = capture or Capture()
+        self._sensor = sensor
+        self._empty_level = sensor.brightness
+        self._gain = gain * (1.0 + seed[1] * sensor.mismatch)
+        self._seed = seed
         self._bank = np.random.default_rng([*seed, 17]).standard_normal(_BANK, np.float32)
-        h, w = shape
-        v, u = np.mgrid[:h, :w]
-        r2 = ((u - (w - 1) / 2) ** 2 + (v - (h - 1) / 2) ** 2) / ((w / 2) ** 2 + (h / 2) ** 2)
-        self._vignette = (1.0 - sensor.vignetting * r2).astype(np.float32)[:, :, None]
+        height, width = shape
+        v, u = np.mgrid[:height, :width]
+        off_centre = (u - (width - 1) / 2) ** 2 + (v - (height - 1) / 2) ** 2
+        share = off_centre / ((width / 2) ** 2 + (height / 2) ** 2)
+        self._vignette = (1.0 - sensor.vignetting * share).astype(np.float32)[:, :, None]
         level = np.linspace(0, 1, 4096)
         srgb = np.where(level <= 0.0031308, 12.92 * level, 1.055 * level ** (1 / 2.4) - 0.055)
         self._curve = np.round(255 * srgb).astype(np.uint8)
 
     def __call__(self, linear: F32, frame: int, t: float) -> U8:
         """(H, W, 3) uint8, or (H, W) for a grey sensor."""
-        s = self._sensor
-        light = linear * (self._vignette * np.float32(self._gain * level_at(s.exposure, t)))
+        sensor = self._sensor
+        light = linear * (self._vignette * np.float32(self._gain * level_at(sensor.exposure, t)))
         light = self._automatic(light)
-        if s.blur_px > 0:
-            light = np.asarray(cv2.GaussianBlur(light, (0, 0), s.blur_px), np.float32)
-        if s.grey:
+        if sensor.blur_px > 0:
+            light = np.asarray(cv2.GaussianBlur(light, (0, 0), sensor.blur_px), np.float32)
+        if sensor.grey:
             light = (light @ np.array([0.114, 0.587, 0.299], np.float32))[:, :, None]
         # A longer exposure counts more electrons, gain steps are rare in practice: noise is of the full well.
-        sigma = np.sqrt(np.maximum(light, 0) * s.full_well_e + s.read_noise_e**2) / np.float32(s.full_well_e)
-        # Normal numbers from a bank, from another place in each frame.
-        rng = np.random.default_rng([*self._seed, frame])
-        size = int(np.prod(light.shape))
-        out = np.empty(size, np.float32)
-        at = 0
-        while at < size:
-            start = int(rng.integers(0, _BANK))
-            n = min(size - at, _BANK - start)
-            out[at : at + n] = self._bank[start : start + n]
-            at += n
-        light = light + sigma * out.reshape(light.shape)
+        variance = np.maximum(light, 0) * sensor.full_well_e + sensor.read_noise_e**2
+        sigma = np.sqrt(variance) / np.float32(sensor.full_well_e)
+        light = light + sigma * self._noise(light.shape, frame)
         image = self._curve[np.clip(light * 4095 + 0.5, 0, 4095).astype(np.int32)]
-        return self._compressed(np.ascontiguousarray(image[:, :, 0] if s.grey else image))
+        return self._compress(np.ascontiguousarray(image[:, :, 0] if sensor.grey else image))
+
+    def _noise(self, shape: tuple[int, ...], frame: int) -> F32:
+        """Normal numbers from the bank, from other places in each frame."""
+        rng = np.random.default_rng([*self._seed, frame])
+        numbers = np.empty(math.prod(shape), np.float32)
+        filled = 0
+        while filled < len(numbers):
+            start = int(rng.integers(0, _BANK))
+            count = min(len(numbers) - filled, _BANK - start)
+            numbers[filled : filled + count] = self._bank[start : start + count]
+            filled += count
+        return numbers.reshape(shape)
 
     def _automatic(self, light: F32) -> F32:
         """Exposure and colours as the camera's automatics set them for this frame."""
-        c = self._capture
-        if c.auto_exposure > 0:
+        capture = self._capture
+        if capture.auto_exposure > 0:
             level = max(float(light.mean()), 1e-4)
-            light = light * np.float32((self._empty_level / level) ** c.auto_exposure)
-        if c.auto_white_balance > 0:
+            light = light * np.float32((self._empty_level / level) ** capture.auto_exposure)
+        if capture.auto_white_balance > 0:
             means = np.maximum(light.mean(axis=(0, 1)), 1e-4)
-            light = light * ((means.mean() / means) ** c.auto_white_balance).astype(np.float32)
+            light = light * ((means.mean() / means) ** capture.auto_white_balance).astype(np.float32)
         return light
 
-    def _compressed(self, image: U8) -> U8:
+    def _compress(self, image: U8) -> U8:
         if not self._capture.jpeg_quality:
             return image
         _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, self._capture.jpeg_quality])
@@ -154,23 +161,24 @@ class SceneRenderer:
 
     def __init__(self, scene: Scene, scale: float = 1.0, start_s: float = 0.0) -> None:
         """Args: scale is a factor on the image size, start_s the time in the scene of the first frame [s]."""
-        self.scene, self._start_s = scene, start_s
+        self.scene = scene
+        self._start_s = start_s
         palette = Palette()
         room = room_mesh(scene.room, palette)
         self._cast = Cast(scene, palette)
-        standing = [
-            place_mesh(furniture_mesh(f, palette), *furniture_at(f, 0.0))
-            for f, moving in zip(scene.furniture, self._cast.is_moving, strict=True)
-            if not moving
-        ]
-        static, shades = join([room, *standing]), join(standing) if standing else None
-        self._views_of = self._views(scale)
-        self._renderers = [ViewRenderer(scene, v, static, shades, palette) for v in self._views_of]
+        standing = []
+        for item, moves in zip(scene.furniture, self._cast.is_moving, strict=True):
+            if not moves:
+                standing.append(place_mesh(furniture_mesh(item, palette), *furniture_at(item, 0.0)))
+        static = join([room, *standing])
+        shades = join(standing) if standing else None
+        self._views = self._place_views(scale)
+        self._renderers = [ViewRenderer(scene, view, static, shades, palette) for view in self._views]
         gain = scene.sensor.brightness / max(self._renderers[0].room_mean(), 1e-6)
-        self._sensors = [
-            SensorModel(scene.sensor, (v.height, v.width), gain, (scene.seed, i), scene.capture)
-            for i, v in enumerate(self._views_of)
-        ]
+        self._sensors = []
+        for i, view in enumerate(self._views):
+            shape = view.height, view.width
+            self._sensors.append(SensorModel(scene.sensor, shape, gain, (scene.seed, i), scene.capture))
 
     @property
     def n_frames(self) -> int:
@@ -179,16 +187,17 @@ class SceneRenderer:
     @property
     def size(self) -> tuple[int, int]:
         """(width, height) of the images [px]."""
-        return self._views_of[0].width, self._views_of[0].height
+        return self._views[0].width, self._views[0].height
 
     @property
     def room_SE3_left(self) -> SE3:
         """The unrectified left (or single) camera in the room."""
-        return self._views_of[0].room_SE3_camera
+        return self._views[0].room_SE3_camera
 
-    def _views(self, scale: float) -> list[CameraView]:
+    def _place_views(self, scale: float) -> list[CameraView]:
         mount = self.scene.mount
-        width, height = max(8, round(mount.width * scale)), max(8, round(mount.height * scale))
+        width = max(8, round(mount.width * scale))
+        height = max(8, round(mount.height * scale))
         room_SE3_left = mount_pose(mount)
         if isinstance(mount, Rig):
             rig = stereo_rig(mount).scaled(width, height)
@@ -198,7 +207,8 @@ class SceneRenderer:
             self.world_SE3_left: SE3 | None = world_SE3_left
             right = room_SE3_left @ rig.right_SE3_left.inverse()
             return [camera_view(rig.left, room_SE3_left), camera_view(rig.right, right)]
-        self.rig, self.world_SE3_left = None, None
+        self.rig = None
+        self.world_SE3_left = None
         camera = ground_camera(mount).scaled(width, height)
         self.ground_camera = camera
         heading = math.radians(mount.heading_deg) - math.pi / 2
@@ -211,27 +221,36 @@ class SceneRenderer:
         time_s = index / self.scene.fps
         t = self._start_s + time_s
         actors = self._cast.at(t)
-        layers = [r.render(actors, t) for r in self._renderers]
-        linear = self._exposed([layer.linear for layer in layers], t)
-        images = [s(light, index, t) for s, light in zip(self._sensors, linear, strict=True)]
-        known = (truth_row(a, k, layers[0], self._views_of[0], self.world_SE3_room) for k, a in enumerate(actors))
-        truth = tuple(row for row in known if row is not None)
+        layers = [renderer.render(actors, t) for renderer in self._renderers]
+        linear = self._expose([layer.linear for layer in layers], t)
+        images = [sensor(light, index, t) for sensor, light in zip(self._sensors, linear, strict=True)]
+        first = layers[0]
+        truth = []
+        for k, actor in enumerate(actors):
+            row = truth_row(actor, k, first, self._views[0], self.world_SE3_room)
+            if row is not None:
+                truth.append(row)
         right = images[1] if len(images) > 1 else None
-        return RenderedFrame(index, time_s, images[0], right, layers[0].depth, _owners(actors)[layers[0].owner], truth)
+        owner = _owners(actors)[first.owner]
+        return RenderedFrame(index, time_s, images[0], right, first.depth, owner, tuple(truth))
 
     def owner(self, index: int) -> I32:
         """(H, W) int32, ``RenderedFrame.owner`` of frame ``index`` without rendering its light."""
         actors = self._cast.at(self._start_s + index / self.scene.fps)
         return _owners(actors)[self._renderers[0].owner(actors)]
 
-    def _exposed(self, middle: list[F32], t: float) -> list[F32]:
+    def _expose(self, middle: list[F32], t: float) -> list[F32]:
         """Light over the time of the exposure: the mean of its beginning, middle and end."""
         shutter = self.scene.capture.shutter_s if self.scene.capture else 0.0
         if shutter == 0:
             return middle
-        ends = [self._cast.at(max(0.0, t + shift * shutter)) for shift in (-0.5, 0.5)]
-        moments = [[r.render(actors, t).linear for r in self._renderers] for actors in ends]
-        return [np.asarray((a + b + c) / np.float32(3)) for a, b, c in zip(middle, *moments, strict=True)]
+        before = self._cast.at(max(0.0, t - 0.5 * shutter))
+        after = self._cast.at(max(0.0, t + 0.5 * shutter))
+        means = []
+        for renderer, light in zip(self._renderers, middle, strict=True):
+            total = light + renderer.render(before, t).linear + renderer.render(after, t).linear
+            means.append(np.asarray(total / np.float32(3)))
+        return means
 
 
 def _owners(actors: list[Actor]) -> I32:
@@ -241,16 +260,17 @@ def _owners(actors: list[Actor]) -> I32:
 
 def truth_row(actor: Actor, k: int, layer: Layer, view: CameraView, world_SE3_room: SE3) -> TruthRow | None:
     """Truth of the k-th actor of a frame; None for things and for people of whom no pixel shows."""
-    mine = layer.owner == k + 1
-    shown = int(mine.sum())
+    is_shown = layer.owner == k + 1
+    shown = int(is_shown.sum())
     if shown == 0 or actor.body is None:
         return None
     whole = layer.alone[k] + outside_pixels(view, actor.mesh)
     x, y, _ = world_SE3_room @ actor.body.head
     ahead = world_SE3_room.rotation @ actor.body.chest
     facing_deg = math.degrees(math.atan2(ahead[1], ahead[0]))
-    left, top, width, height = map(float, cv2.boundingRect(mine.astype(np.uint8)))
-    box, visible = (left, top, width, height), min(1.0, shown / whole)
+    left, top, width, height = map(float, cv2.boundingRect(is_shown.astype(np.uint8)))
+    box = (left, top, width, height)
+    visible = min(1.0, shown / whole)
     return TruthRow(actor.person, float(x), float(y), actor.body.top_m, visible, facing_deg, box, layer.boxes[k])
 
 
@@ -269,12 +289,14 @@ def outside_pixels(view: CameraView, mesh: Mesh) -> float:
     low = np.maximum(on_plane.min(axis=0), 3 * border.min(axis=0))
     high = np.minimum(on_plane.max(axis=0), 3 * border.max(axis=0))
     step = STEP_PX / view.focal_px
-    x, y = np.meshgrid(np.arange(low[0], high[0], step), np.arange(low[1], high[1], step))
+    columns = np.arange(low[0], high[0], step)
+    rows = np.arange(low[1], high[1], step)
+    x, y = np.meshgrid(columns, rows)
     directions = np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)])
     # Beyond the corners a lens model may fold back into the image.
     reach = float(np.hypot(border[:, 0], border[:, 1]).max())
-    seen = _inside(view, view.project(directions)) & (np.hypot(directions[:, 0], directions[:, 1]) <= reach)
-    beyond = directions[~seen] @ view.room_SE3_camera.rotation.T
+    is_seen = _inside(view, view.project(directions)) & (np.hypot(directions[:, 0], directions[:, 1]) <= reach)
+    beyond = directions[~is_seen] @ view.room_SE3_camera.rotation.T
     origin = np.broadcast_to(view.room_SE3_camera.translation, beyond.shape)
     rays = np.concatenate([origin, beyond], axis=1).astype(np.float32)
     return float(Tracer(mesh).cast(rays).found.sum()) * STEP_PX**2
@@ -283,11 +305,14 @@ def outside_pixels(view: CameraView, mesh: Mesh) -> float:
 def _inside(view: CameraView, pixels: F64) -> Bool:
     """(N,) whether pixels (N, 2) are in the image."""
     with np.errstate(invalid="ignore"):
-        return np.asarray(((pixels > -0.5) & (pixels < [view.width - 0.5, view.height - 0.5])).all(axis=1))
+        is_inside = (pixels > -0.5) & (pixels < [view.width - 0.5, view.height - 0.5])
+    return np.asarray(is_inside.all(axis=1))
 
 
 def _border(view: CameraView) -> F64:
     """Pixels along the outer edges of the image."""
-    w, h = view.width - 0.5, view.height - 0.5
-    corners = np.array([(-0.5, -0.5), (w, -0.5), (w, h), (-0.5, h), (-0.5, -0.5)])
-    return np.concatenate([np.linspace(a, b, 50) for a, b in itertools.pairwise(corners)])
+    right = view.width - 0.5
+    bottom = view.height - 0.5
+    corners = np.array([(-0.5, -0.5), (right, -0.5), (right, bottom), (-0.5, bottom), (-0.5, -0.5)])
+    edges = [np.linspace(first, last, 50) for first, last in itertools.pairwise(corners)]
+    return np.concatenate(edges)

@@ -26,8 +26,12 @@ def _lattice(x: int, y: int, z: int, seed: int) -> float:
 
 @kernel
 def _value_noise(x: float, y: float, z: float, seed: int) -> float:
-    xi, yi, zi = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
-    fx, fy, fz = x - xi, y - yi, z - zi
+    xi = int(np.floor(x))
+    yi = int(np.floor(y))
+    zi = int(np.floor(z))
+    fx = x - xi
+    fy = y - yi
+    fz = z - zi
     sx = fx * fx * (3.0 - 2.0 * fx)
     sy = fy * fy * (3.0 - 2.0 * fy)
     sz = fz * fz * (3.0 - 2.0 * fz)
@@ -58,8 +62,10 @@ def fractal_noise(points: F32, footprint: F32, wavelength: F32, octaves: int, se
             fade = min(max(length / (2.0 * footprint[i] + 1e-9) - 0.5, 0.0), 1.0)
             if fade <= 0.0:
                 break
-            x, y, z = points[i, 0] / length, points[i, 1] / length, points[i, 2] / length
-            noise = _value_noise(x + 17.3 * octave, y - 9.1 * octave, z + 3.7 * octave, seed + octave)
+            x = points[i, 0] / length + 17.3 * octave
+            y = points[i, 1] / length - 9.1 * octave
+            z = points[i, 2] / length + 3.7 * octave
+            noise = _value_noise(x, y, z, seed + octave)
             total += weight * fade * noise
             length *= 0.5
             weight *= 0.6
@@ -119,60 +125,70 @@ class Palette:
         return out
 
 
-def _evaluate(m: Material, p: F32, footprint: F32) -> F32:
-    s = m.surface
-    if s.texture == "poster":
-        # Blotches in a few colours with lines like writing below.
-        a = np.clip(0.5 + 2.5 * _noise(p, footprint, s.scale_m * 2, 3, m.seed), 0, 1)[:, None]
-        b = np.clip(0.5 + 3.0 * _noise(p, footprint, s.scale_m, 3, m.seed + 50), 0, 1)[:, None]
-        out, third = m.first * (1 - a) + m.second * a, m.first[::-1] * 0.7
-        return np.asarray(np.clip(out * (1 - 0.5 * b) + 0.5 * b * third, 0.01, 0.9), np.float32)
-    mix, shade = _pattern(m, p, footprint)
-    grain = _noise(p, footprint, s.scale_m, 4, m.seed)
-    albedo = m.first + mix[:, None] * (m.second - m.first)
-    shaded = albedo * (shade * (1.0 + 1.6 * s.contrast * grain))[:, None]
+def _evaluate(material: Material, points: F32, footprint: F32) -> F32:
+    surface = material.surface
+    if surface.texture == "poster":
+        return _poster(material, points, footprint)
+    mix, shade = _pattern(material, points, footprint)
+    grain = _noise(points, footprint, surface.scale_m, 4, material.seed)
+    albedo = material.first + mix[:, None] * (material.second - material.first)
+    shaded = albedo * (shade * (1.0 + 1.6 * surface.contrast * grain))[:, None]
     return np.asarray(np.clip(shaded, 0.004, 0.95), np.float32)
+
+
+def _poster(material: Material, points: F32, footprint: F32) -> F32:
+    """Blotches in a few colours with lines like writing below."""
+    scale_m = material.surface.scale_m
+    blotches = np.clip(0.5 + 2.5 * _noise(points, footprint, scale_m * 2, 3, material.seed), 0, 1)[:, None]
+    lines = np.clip(0.5 + 3.0 * _noise(points, footprint, scale_m, 3, material.seed + 50), 0, 1)[:, None]
+    colour = material.first * (1 - blotches) + material.second * blotches
+    third = material.first[::-1] * 0.7
+    return np.asarray(np.clip(colour * (1 - 0.5 * lines) + 0.5 * lines * third, 0.01, 0.9), np.float32)
 
 
 def _pattern(m: Material, p: F32, footprint: F32) -> tuple[F32, F32]:
     """Share of the second colour and a brightness factor, (N,) each."""
-    s, one, none = m.surface, np.ones(len(p), np.float32), np.zeros(len(p), np.float32)
-    x, y, z = (np.asarray(p[:, c], np.float32) for c in range(3))
-    if s.texture == "tiles":
-        grout = np.maximum(_line(x, s.scale_m, 0.006, footprint), _line(y, s.scale_m, 0.006, footprint))
-        return grout, _tone(m, np.floor(x / s.scale_m), np.floor(y / s.scale_m), 0.10)
-    if s.texture == "wood":
-        plank = np.floor(y / s.scale_m)
-        board = np.floor(x / (8 * s.scale_m) + 0.37 * plank)
-        gap = np.maximum(
-            _line(y, s.scale_m, 0.003, footprint),
-            _line(x + 0.37 * plank * 8 * s.scale_m, 8 * s.scale_m, 0.003, footprint),
-        )
-        grain = _noise(p * np.array([0.12, 1.5, 1.5], np.float32), footprint, 0.08, 4, m.seed + 5)
-        return gap, _tone(m, board, plank, 0.16) * (1.0 + 0.25 * grain)
-    if s.texture == "carpet":
-        return none, (1.0 + 0.5 * s.contrast * _noise(p, footprint, 0.03, 2, m.seed + 9))
-    if s.texture == "concrete":
-        return none, (1.0 + 0.6 * s.contrast * _noise(p, footprint, 4 * s.scale_m, 2, m.seed + 3))
-    if s.texture == "stripes":
-        return _wave(z, s.scale_m, footprint), one
-    if s.texture == "checks":
-        a, b = _wave(z, s.scale_m, footprint), _wave(x + y, s.scale_m, footprint)
-        return np.asarray((a + b) / 2, np.float32), one
-    if s.texture == "print":
-        n = _noise(p, footprint, 2 * s.scale_m, 3, m.seed + 21)
-        return np.clip(0.5 + 3.0 * n, 0, 1).astype(np.float32), one
-    if s.texture == "books":
-        row, col = np.floor(y / 0.33), np.floor(x / s.scale_m)
-        gap = np.maximum(_line(x, s.scale_m, 0.004, footprint), _line(y, 0.33, 0.03, footprint))
-        tone = _tone(m, col, row, 0.6)
-        return np.clip(gap + (tone - 0.7) * 0.7, 0, 1).astype(np.float32), tone
-    return none, one
+    s = m.surface
+    scale_m = s.scale_m
+    one = np.ones(len(p), np.float32)
+    none = np.zeros(len(p), np.float32)
+    x, y, z = np.asarray(p, np.float32).T
+    match s.texture:
+        case "tiles":
+            grout = np.maximum(_line(x, scale_m, 0.006, footprint), _line(y, scale_m, 0.006, footprint))
+            return grout, _tone(m, np.floor(x / scale_m), np.floor(y / scale_m), 0.10)
+        case "wood":
+            plank = np.floor(y / scale_m)
+            board = np.floor(x / (8 * scale_m) + 0.37 * plank)
+            along = _line(y, scale_m, 0.003, footprint)
+            across = _line(x + 0.37 * plank * 8 * scale_m, 8 * scale_m, 0.003, footprint)
+            stretched = p * np.array([0.12, 1.5, 1.5], np.float32)
+            grain = _noise(stretched, footprint, 0.08, 4, m.seed + 5)
+            return np.maximum(along, across), _tone(m, board, plank, 0.16) * (1.0 + 0.25 * grain)
+        case "carpet":
+            return none, (1.0 + 0.5 * s.contrast * _noise(p, footprint, 0.03, 2, m.seed + 9))
+        case "concrete":
+            return none, (1.0 + 0.6 * s.contrast * _noise(p, footprint, 4 * scale_m, 2, m.seed + 3))
+        case "stripes":
+            return _wave(z, scale_m, footprint), one
+        case "checks":
+            both = _wave(z, scale_m, footprint) + _wave(x + y, scale_m, footprint)
+            return np.asarray(both / 2, np.float32), one
+        case "print":
+            blotches = _noise(p, footprint, 2 * scale_m, 3, m.seed + 21)
+            return np.clip(0.5 + 3.0 * blotches, 0, 1).astype(np.float32), one
+        case "books":
+            gap = np.maximum(_line(x, scale_m, 0.004, footprint), _line(y, 0.33, 0.03, footprint))
+            tone = _tone(m, np.floor(x / scale_m), np.floor(y / 0.33), 0.6)
+            return np.clip(gap + (tone - 0.7) * 0.7, 0, 1).astype(np.float32), tone
+        case _:
+            return none, one
 
 
 def _noise(p: F32, footprint: F32, scale_m: float, octaves: int, seed: int) -> F32:
     wavelength = np.full(len(p), scale_m, np.float32)
-    points, pixel = np.ascontiguousarray(p, np.float32), np.ascontiguousarray(footprint, np.float32)
+    points = np.ascontiguousarray(p, np.float32)
+    pixel = np.ascontiguousarray(footprint, np.float32)
     return np.asarray(fractal_noise(points, pixel, wavelength, octaves, seed), np.float32)
 
 
