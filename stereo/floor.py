@@ -83,7 +83,10 @@ class PairFrames:
         search: FloorSearch | None = None,
         elsewhere: Mapping[int, str] = MappingProxyType({}),
     ) -> None:
-        self.frames, self._rig, self._search, self.elsewhere = frames, rig, search or FloorSearch(), elsewhere
+        self.frames = frames
+        self.elsewhere = elsewhere
+        self._rig = rig
+        self._search = search or FloorSearch()
         self.rectifier, self.correction = aligned_rectifier(rig, frames, self._search.rectify)
         geometry = self.rectifier.geometry
         self.searched = disparity_range(geometry, self._search.range)
@@ -107,12 +110,13 @@ class PairFrames:
         Disparities of both signs are searched, and rows that are wide apart, as they are when the wrong calibration is
         taken to an image: a rig turned by 2 degrees still matches.
         """
-        searched, found = disparity_range(self.plain.geometry), [np.empty((0, 4))]
+        searched = disparity_range(self.plain.geometry)
+        corners = [np.empty((0, 4))]
         largest = float(searched.first_px + searched.count)
         for frame in self.frames[:: -(-len(self.frames) // 4)]:
             pair = self.plain(*frame.images)
-            found.append(match_corners(pair.left_grey, pair.right_grey, largest, -largest, search_px=24))
-        return np.concatenate(found)
+            corners.append(match_corners(pair.left_grey, pair.right_grey, largest, -largest, search_px=24))
+        return np.concatenate(corners)
 
     @cached_property
     def rectified(self) -> list[Rectified]:
@@ -154,11 +158,14 @@ class PairFrames:
     def floor(self) -> Floor:
         """The floor common to the frames: found in the depth of each, then aligned with their images. Raises WorkError:
         hardly any disparity is valid, or no floor is visible."""
-        geometry, alike = self.rectifier.geometry, np.flatnonzero(of_like_light(self.greys))
-        pairs, depths = [self.rectified[k] for k in alike], [self.depths[k] for k in alike]
+        geometry = self.rectifier.geometry
+        alike = np.flatnonzero(of_like_light(self.greys))
+        pairs = [self.rectified[k] for k in alike]
+        depths = [self.depths[k] for k in alike]
 
         def align(plane: Plane) -> Plane:
-            left, right = (median_image([p.left_grey for p in pairs]), median_image([p.right_grey for p in pairs]))
+            left = median_image([pair.left_grey for pair in pairs])
+            right = median_image([pair.right_grey for pair in pairs])
             aligned = align_plane(plane, left, right, median_image(depths), geometry)
             return with_calibration_errors(aligned, geometry.baseline_m, self.correction)
 
@@ -169,7 +176,8 @@ class DepthFrames:
     """Frames spread over a recording of images with depth, without distortion; see ``PairFrames``."""
 
     def __init__(self, recording: Recording[DepthCamera], search: FloorSearch | None = None) -> None:
-        self._recording, self._search = recording, search or FloorSearch()
+        self._recording = recording
+        self._search = search or FloorSearch()
         self.rectifier = RgbdRectifier(recording.head.camera, recording.head.sensor, self._search.rectify)
         self.searched = self.rectifier.disparities()
 
@@ -265,46 +273,51 @@ def align_plane(plane: Plane, left: AnyArray, right: AnyArray, depth: F32, geome
     """
     height, width = left.shape
     u, v = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
-    x, y = 2 * u / width - 1, (2 * v - height) / width
+    x = 2 * u / width - 1
+    y = (2 * v - height) / width
     to_disparity = geometry.focal_u_px * geometry.baseline_m
     basis = np.dstack([to_disparity * geometry.rays(np.dstack([u, v])), x * x, x * y, x * (x * x + y * y)])
     prior = np.diag([0.0] * 3 + [1.0 / (LEFT_BY_CALIBRATION * width) ** 2] * 3)
     window = 2 * round(width * ALIGN_WINDOW / 2) + 1
-    texture, gate_px = _without_light(left, window), INLIER_SIGMAS * FLOOR_DISPARITY_STD_PX
+    texture = _without_light(left, window)
+    gate_px = INLIER_SIGMAS * FLOOR_DISPARITY_STD_PX
     with np.errstate(invalid="ignore", divide="ignore"):
         disparity = to_disparity / depth
-    slope, found = cv2.Sobel(texture, cv2.CV_32F, 1, 0), np.append(plane.q, np.zeros(3))
+    slope = cv2.Sobel(texture, cv2.CV_32F, 1, 0)
+    values = np.append(plane.q, np.zeros(3))
     for _ in range(ALIGN_STEPS):
-        predicted = (basis @ found).astype(np.float32)
+        predicted = (basis @ values).astype(np.float32)
         with np.errstate(invalid="ignore"):
             near = (np.abs(disparity - predicted) < gate_px).astype(np.uint8)
         on = (cv2.erode(near, np.ones((5, 5))) > 0) & (u - predicted > window) & (u - predicted < width - window)
         if on.sum() < MIN_ALIGNED:
             return plane
         moved = _without_light(cv2.remap(right.astype(np.float32), u - predicted, v, cv2.INTER_CUBIC), window)
-        slopes = [image[on].astype(np.float64) / 8 for image in (slope, cv2.Sobel(moved, cv2.CV_32F, 1, 0))]
+        left_slope = slope[on].astype(np.float64) / 8
+        right_slope = cv2.Sobel(moved, cv2.CV_32F, 1, 0)[on].astype(np.float64) / 8
         error = (texture - moved)[on].astype(np.float64)
         deviation = max(MAD_TO_SIGMA * float(np.median(np.abs(error))), 1e-9)
         weight = np.maximum(1.0 - (error / (TUKEY_C * deviation)) ** 2, 0.0) ** 2 / (ALIKE_PX * deviation**2)
         # The noise of the two images is not the same, so that only texture is information.
         used = basis[on]
-        information = prior + (used * (weight * slopes[0] * slopes[1])[:, None]).T @ used
+        information = prior + (used * (weight * left_slope * right_slope)[:, None]).T @ used
         if np.linalg.eigvalsh(information)[0] <= 0:
             return plane
         inverse = np.linalg.inv(information)
-        scores = used * (weight * error * 0.5 * (slopes[0] + slopes[1]))[:, None]
-        found = found - inverse @ (scores.sum(axis=0) + prior @ found)
+        scores = used * (weight * error * 0.5 * (left_slope + right_slope))[:, None]
+        values = values - inverse @ (scores.sum(axis=0) + prior @ values)
     covariance = sandwich(inverse, scores, np.column_stack([u[on], v[on]])) + inverse @ prior @ inverse
     plane_px = used[:, :3]
     unsure_px = float(np.sqrt(np.einsum("ni,ij,nj->n", plane_px, covariance[:3, :3], plane_px).max()))
-    return Plane(found[:3], plane.scale, covariance[:3, :3]) if unsure_px < gate_px else plane
+    return Plane(values[:3], plane.scale, covariance[:3, :3]) if unsure_px < gate_px else plane
 
 
 def with_calibration_errors(plane: Plane, baseline_m: float, correction: RigCorrection | None = None) -> Plane:
     """The plane with the errors of a calibration added to its covariance, of which points on the plane show nothing:
     a wrong length of the baseline scales it, a yaw moves all disparities alike, a roll tilts them."""
     _, yaw, roll = (np.zeros(3) if correction is None else correction.left_over).tolist()
-    scaled, lengthened = SCALE_STD * plane.q, FOCAL_STD * plane.q * np.array([0.0, 0.0, 1.0])
+    scaled = SCALE_STD * plane.q
+    lengthened = FOCAL_STD * plane.q * np.array([0.0, 0.0, 1.0])
     turned = np.array([[0.0, 0.0, yaw], [0.0, roll, 0.0]]) / baseline_m
     errors = np.vstack([scaled, lengthened, turned])
     return replace(plane, covariance=plane.covariance + errors.T @ errors)

@@ -110,10 +110,10 @@ def _refined(plane: Plane, cells: Cells) -> tuple[Plane, Rays]:
 def _away_from_edges(plane: Plane, cells: Cells, view: Rays) -> Bool:
     """(N,) which cells have nothing but floor around them: matching smooths what meets the floor into it."""
     residuals = view.residuals(plane.q)
-    on, other = np.abs(residuals) < INLIER_SIGMAS, residuals >= INLIER_SIGMAS
+    on = np.abs(residuals) < INLIER_SIGMAS
     rows, columns = cells.places.T
     image = np.zeros((rows.max() + 1, planes.CELLS_ACROSS), np.uint8)
-    image[rows, columns] = other
+    image[rows, columns] = residuals >= INLIER_SIGMAS
     free = cv2.dilate(image, EDGE_CELLS)[rows, columns] == 0
     # A floor in small pieces is all edge: better fitted with them than not at all.
     return free if (on & free).sum() > 0.3 * on.sum() else np.ones(len(view), dtype=np.bool_)
@@ -121,13 +121,14 @@ def _away_from_edges(plane: Plane, cells: Cells, view: Rays) -> Bool:
 
 def _floor(best: Candidate, cells: Cells, bias: float) -> Floor:
     """The floor that a plane is; ``bias`` of its inverse depth, which no number of points shows [1/m]."""
-    plane, columns = best.plane, []
+    plane = best.plane
+    columns = []
     # Covariance of (height, tilt, roll) by central differences over q.
     step = 1e-6 * float(np.linalg.norm(plane.q))
     for d in step * np.eye(3):
-        ahead, behind = replace(plane, q=plane.q + d), replace(plane, q=plane.q - d)
-        values = [np.array([p.distance_m, p.tilt_rad, p.roll_rad]) for p in (ahead, behind)]
-        columns.append((values[0] - values[1]) / (2 * step))
+        ahead = _height_and_angles(replace(plane, q=plane.q + d))
+        behind = _height_and_angles(replace(plane, q=plane.q - d))
+        columns.append((ahead - behind) / (2 * step))
     jacobian = np.stack(columns, axis=1)
     pose = world_from_plane(plane.normal, plane.distance_m)
     view = cells.medians(plane.q)
@@ -143,6 +144,11 @@ def _floor(best: Candidate, cells: Cells, bias: float) -> Floor:
         covariance=np.asarray(jacobian @ (plane.covariance + biases) @ jacobian.T),
         extent_m=(float(low[0]), float(low[1]), float(high[0]), float(high[1])),
     )
+
+
+def _height_and_angles(plane: Plane) -> F64:
+    """(3,) height [m], tilt and roll [rad] of a camera above a plane."""
+    return np.array([plane.distance_m, plane.tilt_rad, plane.roll_rad])
 
 
 def _points(clouds: Sequence[F32], sigma_z: Sequence[F32] | None, noise: float) -> Rays:
@@ -214,7 +220,9 @@ def floor_from_points(points: ArrayLike, name: str = "points", depth_std_m: Arra
     centre = p.mean(axis=0)
     _, spread, axes = np.linalg.svd(p - centre)
     normal = axes[2] if axes[2] @ centre < 0 else -axes[2]
-    height, out_deg, problem = float(-normal @ centre), math.degrees(math.asin(normal[0])), ""
+    height = float(-normal @ centre)
+    out_deg = math.degrees(math.asin(normal[0]))
+    problem = ""
     if spread[1] < 0.05 * max(spread[0], 1e-9) or spread[0] < 0.1:
         problem = "floor points that span a triangle, found them on one line or in one place"
     elif height < 0.1:

@@ -138,7 +138,7 @@ class Cells:
 
     def __init__(self, points: Rays) -> None:
         low, high = np.quantile(points.rays[:, :2], (0.0005, 0.9995), axis=0)
-        width, height = (float(v) for v in high - low)
+        width, height = (high - low).tolist()
         step = max(width, height / MAX_ASPECT, 1e-9) / CELLS_ACROSS
         last = np.maximum(1, np.ceil((high - low) / step)).astype(np.int64) - 1
         place = np.clip(np.floor((points.rays[:, :2] - low) / step).astype(np.int64), 0, last)
@@ -146,7 +146,8 @@ class Cells:
         counts = np.bincount(index)
         full = counts >= max(1.0, 0.1 * counts[counts > 0].mean())
         kept = full[index]
-        self.points, self.counts = points.where(kept), counts[full]
+        self.points = points.where(kept)
+        self.counts = counts[full]
         self.places = np.stack(np.divmod(np.flatnonzero(full), CELLS_ACROSS), axis=1)
         self._index: I64 = (np.cumsum(full) - 1)[index[kept]]
         # A row of a table for the points of each cell, and the place in it of each point.
@@ -155,8 +156,12 @@ class Cells:
         before = np.arange(len(order)) - np.repeat(np.cumsum(self.counts) - self.counts, self.counts)
         self._place: I64 = np.empty(len(order), dtype=np.int64)
         self._place[order] = self._index[order] * self._rows.shape[1] + before
-        means = [np.bincount(self._index, v) / self.counts for v in (*self.points.rays.T, self.points.sigma)]
-        self._rays, self._sigma = np.stack(means[:3], axis=1), means[3]
+        self._rays = np.stack([self._mean(column) for column in self.points.rays.T], axis=1)
+        self._sigma = self._mean(self.points.sigma)
+
+    def _mean(self, value: F64) -> F64:
+        """(N,) mean of a value of the points of each cell."""
+        return np.asarray(np.bincount(self._index, value) / self.counts)
 
     def medians(self, q: F64 | None = None) -> Rays:
         """The median inverse depth of each cell.
@@ -208,9 +213,11 @@ def fit_plane(points: Rays, q: F64) -> Plane | None:
         if done:
             break
     used = weights > 0
-    w, rays = weights[used] / points.sigma[used] ** 2, points.rays[used]
+    w = weights[used] / points.sigma[used] ** 2
+    rays = points.rays[used]
     scores = rays * (w * (points.inverse[used] - rays @ q))[:, None]
-    return Plane(q, scale, sandwich(np.asarray(np.linalg.pinv((rays * w[:, None]).T @ rays)), scores, rays[:, :2]))
+    inverse_information = np.asarray(np.linalg.pinv((rays * w[:, None]).T @ rays))
+    return Plane(q, scale, sandwich(inverse_information, scores, rays[:, :2]))
 
 
 def sandwich(inverse_information: F64, scores: F64, places: F64, parts: int = 6) -> F64:
@@ -220,8 +227,9 @@ def sandwich(inverse_information: F64, scores: F64, places: F64, parts: int = 6)
     The view is cut into parts x parts clusters: neighbouring disparities share a matching window and sub-pixel bias,
     clusters large compared with the window do not (Liang and Zeger 1986).
     """
-    low, high = places.min(axis=0), places.max(axis=0)
-    cell = np.clip((places - low) * (parts / np.maximum(high - low, 1e-9)), 0, parts - 1).astype(np.int64)
+    low = places.min(axis=0)
+    extent = np.maximum(places.max(axis=0) - low, 1e-9)
+    cell = np.clip((places - low) * (parts / extent), 0, parts - 1).astype(np.int64)
     index = cell[:, 0] * parts + cell[:, 1]
     sums = np.stack([np.bincount(index, column, parts * parts) for column in scores.T], axis=1)
     n = max(len(np.unique(index)), 2)
@@ -369,15 +377,14 @@ def judge(plane: Plane, view: Rays, cells: Cells, moved: Moved, params: FloorPar
     within = max(float(share[view.rays @ plane.q > far].sum()), on)
     # How points crowd on the plane before any median: share of those near it that are within half that distance.
     sharpness = float((distance < FRAME_GATE_PX / 2).sum() / max((distance < FRAME_GATE_PX).sum(), 1))
-    if refused := out_of_place(plane, params):
-        pass
-    elif on < MIN_INLIER_FRACTION:
+    refused = out_of_place(plane, params)
+    if not refused and on < MIN_INLIER_FRACTION:
         refused = f"{on:.1%} of the depth lies on it (at least {MIN_INLIER_FRACTION:.0%} needed)"
-    elif below > params.max_below_fraction * (on + below):
+    if not refused and below > params.max_below_fraction * (on + below):
         refused = f"{below:.0%} of the depth lies beneath it"
-    elif above > MAX_BLUR_FRACTION * on or sharpness < MIN_SHARPNESS:
+    if not refused and (above > MAX_BLUR_FRACTION * on or sharpness < MIN_SHARPNESS):
         refused = "it only cuts through a surface that is not flat"
-    else:
+    if not refused:
         refused = moved.objection(plane, params)
     near = np.maximum(1.0 - (residuals / INLIER_SIGMAS) ** 2, 0.0)
     return Candidate(plane, on, below, float(share @ near) / max(within, 1e-9), refused)
@@ -387,16 +394,20 @@ def in_place(q: F64, params: FloorParams) -> Bool:
     """(N,) which of the planes of (N, 3) q a camera can be above."""
     height = 1.0 / np.linalg.norm(q, axis=1)
     x, y, z = (-q * height[:, None]).T
-    tilt, roll = np.degrees(np.arctan2(-y, -z)), np.degrees(np.arcsin(np.clip(x, -1.0, 1.0)))
+    tilt = np.degrees(np.arctan2(-y, -z))
+    roll = np.degrees(np.arcsin(np.clip(x, -1.0, 1.0)))
     upright = (params.min_tilt_deg <= tilt) & (tilt <= params.max_tilt_deg) & (np.abs(roll) <= params.max_roll_deg)
     return np.asarray(upright & (params.min_height_m <= height) & (height <= params.max_height_m))
 
 
 def out_of_place(plane: Plane, params: FloorParams) -> str:
     """Why a camera cannot be above a plane; empty where it can."""
-    tilt, roll, height = math.degrees(plane.tilt_rad), math.degrees(plane.roll_rad), plane.distance_m
+    height = plane.distance_m
+    tilt = math.degrees(plane.tilt_rad)
+    roll = math.degrees(plane.roll_rad)
     if not params.min_tilt_deg <= tilt <= params.max_tilt_deg or abs(roll) > params.max_roll_deg:
-        turned = ", or the floor of an upside-down camera" if -88 < tilt < 0 and abs(roll) < params.max_roll_deg else ""
+        is_turned = -88 < tilt < 0 and abs(roll) < params.max_roll_deg
+        turned = ", or the floor of an upside-down camera" if is_turned else ""
         return f"a wall or ceiling{turned} (tilt {tilt:.0f}, roll {roll:.0f} degrees)"
     if not params.min_height_m <= height <= params.max_height_m:
         return f"{height:.2f} m from the camera (floors: {params.min_height_m:g}-{params.max_height_m:g} m)"
@@ -417,9 +428,9 @@ def choose_floor(candidates: Sequence[Candidate], params: FloorParams) -> Candid
     if not possible:
         return None
     upright = [c for c in possible if math.degrees(c.plane.tilt_rad) > LEANING_DEG] or possible
-    possible, largest = upright, max(upright, key=lambda c: _log_likelihood(c, candidates))
-    enough = largest.inlier_fraction * params.max_below_fraction / (1.0 - params.max_below_fraction)
-    parallel = [c for c in possible if float(c.plane.normal @ largest.plane.normal) > LEAST_COS]
+    likeliest = max(upright, key=lambda c: _log_likelihood(c, candidates))
+    enough = likeliest.inlier_fraction * params.max_below_fraction / (1.0 - params.max_below_fraction)
+    parallel = [c for c in upright if float(c.plane.normal @ likeliest.plane.normal) > LEAST_COS]
     return max((c for c in parallel if c.inlier_fraction >= enough), key=lambda c: c.plane.distance_m)
 
 
@@ -451,7 +462,8 @@ def _is_level(plane: Plane) -> bool:
 
 def _log_likelihood(c: Candidate, candidates: Sequence[Candidate]) -> float:
     level = min(max(math.sin(c.plane.tilt_rad), 0.0), 1.0)
-    (down_m, level_m), (down_spread, level_spread) = MOUNT_M, MOUNT_SPREAD
+    down_m, level_m = MOUNT_M
+    down_spread, level_spread = MOUNT_SPREAD
     spread = down_spread + level * (level_spread - down_spread)
     off = (math.log(c.plane.distance_m / down_m) - level * math.log(level_m / down_m)) / spread
     opposite = [other for other in candidates if float(other.plane.normal @ c.plane.normal) < -LEAST_COS]
@@ -471,7 +483,8 @@ def nothing_found(candidates: Sequence[Candidate], n_frames: int) -> str:
         candidates, key=lambda c: (not c.refused.startswith("a wall"), "moves" not in c.refused, c.inlier_fraction)
     )
     plane = best.plane
-    tilt, roll = math.degrees(plane.tilt_rad), math.degrees(plane.roll_rad)
+    tilt = math.degrees(plane.tilt_rad)
+    roll = math.degrees(plane.roll_rad)
     named = [
         f"best plane, {plane.distance_m:.2f} m from the camera at tilt {tilt:.1f} and roll {roll:.1f} degrees with "
         f"{best.inlier_fraction:.0%} of the depth, refused: {best.refused}"
