@@ -150,14 +150,14 @@ def _ns_of_date(source: Path | str, text: str, match: re.Match[str] | None) -> i
     return (round(moment.timestamp()) - offset_s) * NS["s"] + nanoseconds
 
 
-def within_seconds(seconds: Sequence[int], parts: Sequence[str]) -> list[str] | None:
+def within_seconds(seconds: Sequence[int], parts: Sequence[str], *, may_count: bool = True) -> list[str] | None:
     """Decimals of the times of frames, whose whole seconds and number within the second are written apart.
 
-    The number holds the decimals, or counts milliseconds, microseconds, nanoseconds or frames. None where it counts
-    frames and no whole second shows how many there are.
+    The number holds the decimals, or counts milliseconds, microseconds, nanoseconds or, where it ``may_count`` these,
+    frames. None where it counts frames and no whole second shows how many there are.
     """
     runs = [[int(parts[i]) for i in run] for _, run in groupby(range(len(parts)), key=seconds.__getitem__)]
-    if _count_frames(runs):
+    if may_count and _count_frames(runs):
         return _decimals_of_counts(runs)
     longest = max(map(len, parts))
     width = next((digits for digits in (3, 6, 9) if digits >= longest), longest)

@@ -77,12 +77,13 @@ def _unless_counted(texts: Sequence[str]) -> Stamps | None:
 
 def _with_parts(seconds: I64, parts: Sequence[str | None], matches: Sequence[re.Match[str]]) -> Stamps | None:
     """Times of whole seconds and the numbers within them, which follow at once, else at the end of the name."""
+    have_points = any(parts) and all(re.search(r"[.,]\d+$", match[0]) for match in matches)
     if not any(parts):
         numbers = [re.findall(r"\d+", match.string[match.end() :]) for match in matches]
         parts = [each[-1] if each else None for each in numbers]
     if not any(parts):
         return None if np.median(np.diff(np.sort(seconds))) <= 1 else Stamps(seconds * NS["s"], "s")
-    decimals = within_seconds(seconds.tolist(), [part or "0" for part in parts])
+    decimals = within_seconds(seconds.tolist(), [part or "0" for part in parts], may_count=not have_points)
     if decimals is None:
         return None
     nanoseconds = np.array([int(part[:9].ljust(9, "0")) for part in decimals], dtype=np.int64)
@@ -293,7 +294,10 @@ def read_times(path: Path, count: int) -> Stamps:
     """The times of ``count`` frames, of a list or of a table with a line of names. Raises InputError: of others."""
     rows = timed_rows(path)
     if len(rows.texts) != count:
-        raise InputError(f"{path}: expected a time for each of {count} images, found {len(rows.texts)}")
+        lines = read_text(path, "a list of times", MAX_BYTES).rstrip().split("\n")
+        empty = [f"; line {number} is empty" for number, line in enumerate(lines, 1) if not line.strip()]
+        found = f"found {len(rows.texts)}{''.join(empty[:1])}"
+        raise InputError(f"{path}: expected a time for each of {count} images, {found}")
     return rows.stamps
 
 

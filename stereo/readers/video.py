@@ -49,21 +49,22 @@ class VideoFile:
             self.raw = file.read(4).startswith(_RAW)
         found, first = capture.read()
         self._start_ms = float(capture.get(cv2.CAP_PROP_POS_MSEC))
-        fps, announced = capture.get(cv2.CAP_PROP_FPS), capture.get(cv2.CAP_PROP_FRAME_COUNT)
+        fps = float(capture.get(cv2.CAP_PROP_FPS))
+        announced = capture.get(cv2.CAP_PROP_FRAME_COUNT)
         self.n_frames = int(announced) if np.isfinite(announced) and announced > 0 else 0
         # A file of less than 200 bytes a frame is too small for its number of frames: counting them costs nothing.
         if self.n_frames > path.stat().st_size / 200:
             self.n_frames = 1 + sum(1 for _ in takewhile(lambda _: capture.grab(), range(1, self.n_frames)))
         if self.raw and not self.n_frames:
-            self.n_frames = len(_packets(path)[0])
+            self.n_frames = len(_packets(path).times_s)
         if not found or first is None:
             raise InputError(f"{path}: expected a video, found no frame that can be decoded: {_coded(capture)}")
         self.size = first.shape[1], first.shape[0]
-        self.fps = float(fps) if np.isfinite(fps) and 0 < fps <= 1000 else math.nan
+        self.fps = fps if 0 < fps <= 1000 else math.nan
         # A header may announce the clock of its times, 1000 per second, in the place of a rate.
-        own = None if self.raw else rate_of_times(_packets(path, 300)[0])
-        if own and not abs(own.fps / self.fps - 1.0) <= 0.02:
-            self.fps = own.fps
+        shown = None if self.raw else rate_of_times(_packets(path, 300).times_s)
+        if shown and not abs(shown.fps / self.fps - 1.0) <= 0.02:
+            self.fps = shown.fps
         self._lost = _before_key_frame(path)
         if not self.raw and self._lost:
             self._start_ms -= 1000.0 * self._lost / self.fps
@@ -72,7 +73,8 @@ class VideoFile:
     def __iter__(self) -> Iterator[Decoded]:
         """Frames up to the last that can be decoded; a tail that cannot is left out."""
         capture = _open(self._path)
-        index, broken = self._lost, 0
+        index = self._lost
+        broken = 0
         try:
             yield from map(self._early, range(self._lost))
             # Reads that fail in a row for about a second, more than a lost key frame costs, are the end.
@@ -83,7 +85,8 @@ class VideoFile:
                     continue
                 for lost in range(index, index + broken):
                     yield Decoded(lost, None, None, f"{self._path.name} cannot be decoded here")
-                index, broken = index + broken, 0
+                index += broken
+                broken = 0
                 yield Decoded(index, self._time(capture, index), self._as_stored(image))
                 index += 1
         finally:
@@ -104,10 +107,9 @@ class VideoFile:
                 if index - position > 250 and self._seeks:  # the usual distance of key frames
                     there = _open(self._path)
                     if self._sought(there, index):
-                        capture.release()
-                        capture, position = there, index
-                    else:
-                        there.release()
+                        capture, there = there, capture
+                        position = index
+                    there.release()
                 while position < index and capture.grab():
                     position += 1
                 found, image = capture.read() if position == index else (False, None)
@@ -124,13 +126,15 @@ class VideoFile:
     @cached_property
     def _seeks(self) -> bool:
         """Whether a seek gives the image and time that reading in order gives, at a frame near the beginning."""
-        ordered, sought = _open(self._path), _open(self._path)
+        ordered = _open(self._path)
         for _ in range(100):
             ordered.grab()
-        (found, image), at = ordered.read(), ordered.get(cv2.CAP_PROP_POS_MSEC)
+        sought = _open(self._path)
         sought.set(cv2.CAP_PROP_POS_FRAMES, 100)
-        (again, other), then = sought.read(), sought.get(cv2.CAP_PROP_POS_MSEC)
-        return bool(found and again and at == then and np.array_equal(image, other))
+        found, image = ordered.read()
+        again, other = sought.read()
+        same_time = ordered.get(cv2.CAP_PROP_POS_MSEC) == sought.get(cv2.CAP_PROP_POS_MSEC)
+        return bool(found and again and same_time and np.array_equal(image, other))
 
     def _sought(self, capture: cv2.VideoCapture, index: int) -> bool:
         """Seek so that the frame is read next; whether that succeeded, as far as the time of the one before shows."""
@@ -317,20 +321,26 @@ def video_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenO
             notes.append(f"by its container the right video begins {late_s:+.3g} s after the left one: paired {how}")
         if pairs:
             base.check_paired(pairs, path)
-            timed = (Stream("left", size, len(times[0]), times[0], files=a.files),
-                     Stream("right", size, len(times[1]), times[1], files=b.files))  # fmt: skip
-            placed = base.together(_PlacedVideo(a, pairs.left), _PlacedVideo(b, pairs.right))
-            each = base.FramePairs(placed, len(pairs.left), pairs.unpaired)
-            clock = base.clock_of_pairs(pairs, options)
-            return base.stereo_layout(path, each, timed, clock, rig, notes, folder)
+            decode = base.together(_PlacedVideo(a, pairs.left), _PlacedVideo(b, pairs.right))
+            frames = base.FramePairs(decode, len(pairs.left), pairs.unpaired)
+            streams = _streams(a, b, times)
+            return base.stereo_layout(path, frames, streams, base.clock_of_pairs(pairs, options), rig, notes, folder)
         notes += shown[0].notes
     if a.n_frames != b.n_frames:
         counts = f"{a.n_frames} frames in the left video and {b.n_frames} in the right one"
         notes.append(f"{counts}: paired in order from the first")
-    streams = (Stream("left", size, a.n_frames, files=a.files), Stream("right", size, b.n_frames, files=b.files))
     clock = base.clock_of(folder, options, min(a.n_frames, b.n_frames), a.fps, a.raw)
-    each = base.FramePairs(base.together(a, b), max(a.n_frames, b.n_frames))
-    return base.stereo_layout(path, each, streams, clock, rig, notes, folder)
+    frames = base.FramePairs(base.together(a, b), max(a.n_frames, b.n_frames))
+    return base.stereo_layout(path, frames, _streams(a, b), clock, rig, notes, folder)
+
+
+def _streams(left: VideoFile, right: VideoFile, times_s: Sequence[F64] = ()) -> tuple[Stream, Stream]:
+    """What is found of both videos, with the times of their frames where these pair them."""
+    streams = []
+    for name, video, own_s in zip(("left", "right"), (left, right), times_s or (None, None), strict=True):
+        count = video.n_frames if own_s is None else len(own_s)
+        streams.append(Stream(name, video.size, count, own_s, files=video.files))
+    return streams[0], streams[1]
 
 
 def _video_times(

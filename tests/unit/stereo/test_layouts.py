@@ -239,6 +239,7 @@ def test_what_is_no_time_and_what_no_clock_shows_is_refused(text: str) -> None:
         ([f"frame{i:04d}_165000000{i}123" for i in range(3)], 1_000_000_000),
         ([f"20230405_12345{s}_{n:02d}" for s in range(4) for n in range(10)], 100_000_000),  # counted in each second
         ([f"165000000{s}_cam0_{n}" for s in range(4) for n in range(1, 11)], 100_000_000),
+        ([f"2023-04-05T12-34-56.{n}+0200" for n in range(8)], 100_000_000),  # decimals, behind a point
         ([f"20230405_123456_{n:02d}" for n in range(10)], None),  # of how many in the second?
         ([f"2023-04-05T12-34-5{i}.5+0200" for i in range(4)], 1_000_000_000),
         ([f"frame_{i:07d}_{1650000000000 + 33 * i}" for i in range(4)], 33_000_000),

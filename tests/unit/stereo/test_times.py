@@ -12,7 +12,7 @@ from calib.errors import InputError
 from calib.times import rate_of_times
 from stereo.readers import OpenOptions, open_recording, open_video
 from stereo.readers.times import load_timestamps, read_times
-from stereo.readers.video import _by_time
+from stereo.readers.video import _by_time, _Packets
 from stereo.recording import Decoded, FrameClock, OneCamera, Recording, refuse_untimed
 
 KEPT = [i for i in range(12) if i != 5]
@@ -77,7 +77,7 @@ def test_rate_is_the_mean_of_steps_that_a_clock_of_milliseconds_rounds():
 def test_header_that_gives_the_clock_for_a_rate_is_corrected_by_the_times(tmp_path: Path, monkeypatch):
     write_video(tmp_path / "a.avi", 6)  # 10 per second
     times = np.arange(6) / 5
-    monkeypatch.setattr("stereo.readers.video._packets", lambda path, most=None: (times, ()))
+    monkeypatch.setattr("stereo.readers.video._packets", lambda path, most=None: _Packets(times, ()))
     assert open_video(tmp_path / "a.avi").fps == pytest.approx(5)
 
 
@@ -243,3 +243,9 @@ def test_times_run_on_where_the_clock_of_a_table_was_set_back(tmp_path: Path) ->
 def test_list_of_times_may_hold_more_than_the_times(tmp_path: Path, lines: list[str]) -> None:
     (tmp_path / "times.txt").write_text("\n".join(lines))
     assert np.diff(read_times(tmp_path / "times.txt", 6).ns) == pytest.approx(1e8)
+
+
+def test_empty_line_of_a_list_that_is_too_short_is_named(tmp_path: Path) -> None:
+    (tmp_path / "times.txt").write_text("0.0\n0.1\n\n0.3\n")
+    with pytest.raises(InputError, match="a time for each of 4 images, found 3; line 3 is empty"):
+        read_times(tmp_path / "times.txt", 4)
