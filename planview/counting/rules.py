@@ -267,21 +267,25 @@ class Rules:
     def unreached(self, tracks: Trajectories) -> str:
         """A sentence on rules of which no track comes within the size of the place that all tracks cover; empty where
         there are none."""
+        left, top, width, height = tracks.box_px.T
         for rule in self.tripwires + self.zones:
-            on_floor, box = rule.plane == "floor", tracks.box_px
-            places = np.column_stack(
-                [tracks.x_m, tracks.y_m] if on_floor else [box[:, 0] + box[:, 2] / 2, box[:, 1] + box[:, 3]]
-            )
-            known = np.isfinite(places).all(axis=1)
-            if not known.any():
+            places = np.column_stack([left + width / 2, top + height])
+            tall = height
+            unit = "px"
+            if rule.plane == "floor":
+                places = np.column_stack([tracks.x_m, tracks.y_m])
+                tall = np.full(len(tracks), ADULT_HEIGHT_M)
+                unit = "m"
+            has_place = np.isfinite(places).all(axis=1)
+            if not has_place.any():
                 continue
-            low, high = places[known].min(axis=0), places[known].max(axis=0)
-            away = float(
-                np.hypot(*np.maximum(rule.points.min(axis=0) - high, low - rule.points.max(axis=0)).clip(min=0))
-            )
-            person = ADULT_HEIGHT_M if on_floor else float(np.median(box[known, 3]))
-            if away > max(float(np.hypot(*(high - low))), NEAR_HEIGHTS * person):
-                unit = "m" if on_floor else "px"
+            low = places[has_place].min(axis=0)
+            high = places[has_place].max(axis=0)
+            before = rule.points.min(axis=0) - high
+            beyond = low - rule.points.max(axis=0)
+            away = float(np.hypot(*np.maximum(before, beyond).clip(min=0)))
+            size = float(np.hypot(*(high - low)))
+            if away > max(size, NEAR_HEIGHTS * float(np.median(tall[has_place]))):
                 return (
                     f"{self.source}: no track comes within {away:.0f} {unit} of rule {rule.name!r}: another unit, "
                     "swapped axes, or another origin"

@@ -367,12 +367,13 @@ class Analytics(Carried):
         self.rules = rules
         self.params = params or AnalyticsParams()
         self._rules: list[Wire | Area] = []
-        for rule in rules.tripwires:
-            points = rule.points if rule.counted is None else rule.counted
-            self._rules.append(Wire(rule.name, points, rule.plane, *self._limits(rule, self.params.hysteresis_m)))
-        for rule in rules.zones:
-            limits = self._limits(rule, self.params.zone_hysteresis_m)
-            self._rules.append(Area(rule.name, rule.points, rule.plane, *limits))
+        for wire in rules.tripwires:
+            points = wire.points if wire.counted is None else wire.counted
+            limits = self._limits(wire, self.params.hysteresis_m)
+            self._rules.append(Wire(wire.name, points, wire.plane, *limits))
+        for zone in rules.zones:
+            limits = self._limits(zone, self.params.zone_hysteresis_m)
+            self._rules.append(Area(zone.name, zone.points, zone.plane, *limits))
         self.reset()
 
     def _limits(self, rule: Placed, hysteresis_m: float) -> tuple[float, float]:

@@ -20,7 +20,7 @@ from planview.counting.stream import Analytics, Stay, TrackPlaces
 from planview.evaluation.metrics import best_pairs
 from planview.evaluation.result import PEOPLE_GROUPS
 from planview.trajectories.clock import Clock, Span
-from planview.trajectories.table import IGNORED, Trajectories
+from planview.trajectories.table import IGNORED, Trajectories, WordColumn
 
 INTERVALS_MAX = 10_080
 """Intervals of the totals at most, a week of minutes: where the clock has jumped they are longer."""
@@ -81,8 +81,10 @@ class Counts:
         }
 
     def _zone(self, name: str) -> dict[str, Any]:
-        stays, events = self.stays[name], [event for event in self.events if event.rule == name]
-        dwell = [stay.dwell_s + (0.0 if stay.left else self.span.frame_s) for stay in stays]
+        stays = self.stays[name]
+        events = [event for event in self.events if event.rule == name]
+        begins, ends = _times(stays, self.span.frame_s)
+        dwell_s = ends - begins
         changes = self._changes(stays)
         return {
             "kind": "zone",
@@ -90,8 +92,8 @@ class Counts:
             "people": self.people[name],
             "mean_occupancy": self._mean(stays, self.span.start_s, self.span.end_s),
             "max_occupancy": max(number for _, number in changes),
-            "mean_dwell_s": float(np.mean(dwell)) if dwell else 0.0,
-            "max_dwell_s": max(dwell, default=0.0),
+            "mean_dwell_s": float(dwell_s.sum()) / max(1, len(stays)),
+            "max_dwell_s": float(dwell_s.max(initial=0.0)),
             "stays": len(stays),
             "appeared_inside": sum(not stay.entered for stay in stays),
             "vanished_inside": sum(not stay.left for stay in stays),
@@ -104,14 +106,15 @@ class Counts:
     def _queue(self, queue: Queue) -> dict[str, Any]:
         """A stay of at least min_wait_s is waiting, from entering the zone until leaving it."""
         waits = [stay for stay in self.stays[queue.zone] if stay.dwell_s >= queue.min_wait_s]
-        waited, changes = [stay.dwell_s for stay in waits], self._changes(waits)
+        waited_s = np.array([stay.dwell_s for stay in waits])
+        changes = self._changes(waits)
         return {
             "kind": "queue",
             "zone": queue.zone,
             "mean_length": self._mean(waits, self.span.start_s, self.span.end_s),
             "max_length": max(number for _, number in changes),
-            "mean_wait_s": float(np.mean(waited)) if waited else 0.0,
-            "max_wait_s": max(waited, default=0.0),
+            "mean_wait_s": float(waited_s.sum()) / max(1, len(waits)),
+            "max_wait_s": float(waited_s.max(initial=0.0)),
             "waited": len(waits),
             "served": sum(stay.left for stay in waits),
             "length": changes,
@@ -176,26 +179,37 @@ def count_tracks(
 ) -> Counts:
     """Apply rules to tracks, with the time of their frames or another clock; a recording of unknown length ends with
     the last row. Raises InputError: the tracks have no place in the plane of a rule, or no times."""
-    for rule in (*rules.tripwires, *rules.zones):
-        places = tracks.box_px.sum(axis=1) if rule.plane == "image" else tracks.x_m + tracks.y_m
-        if len(tracks) and not np.isfinite(places).any():
-            need = "boxes, or with a camera," if rule.plane == "image" else "floor positions"
-            raise InputError(
-                f"{rules.source}: expected tracks with {need} for rule {rule.name!r}, found none in any row"
-            )
+    _require_places(tracks, rules)
     clock = clock or Clock(tracks)
     analytics = Analytics(rules, params)
     events: list[Event] = []
     frames, starts = np.unique(tracks.frame, return_index=True)
-    moments, bounds = clock.at(frames), np.append(starts, len(tracks))
+    moments = clock.at(frames)
+    bounds = np.append(starts, len(tracks))
     # Rows of a thousand frames are located at a time, so that memory does not grow with the recording.
     for first in range(0, len(frames), 1000):
         last = min(first + 1000, len(frames))
-        rows = analytics.rows(TrackPlaces.of_rows(tracks, slice(bounds[first], bounds[last])))
-        for i in range(first, last):
-            of_frame = rows[bounds[i] - bounds[first] : bounds[i + 1] - bounds[first]]
-            events += analytics.update_rows(int(frames[i]), float(moments[i]), of_frame)
-    return Counts.of(analytics, events, clock.span(max(n_frames, int(tracks.frame.max()) + 1 if len(tracks) else 0)))
+        begin = bounds[first]
+        rows = analytics.rows(TrackPlaces.of_rows(tracks, slice(begin, bounds[last])))
+        for place in range(first, last):
+            of_frame = rows[bounds[place] - begin : bounds[place + 1] - begin]
+            events += analytics.update_rows(int(frames[place]), float(moments[place]), of_frame)
+    last_frame = int(tracks.frame.max(initial=-1))
+    return Counts.of(analytics, events, clock.span(max(n_frames, last_frame + 1)))
+
+
+def _require_places(tracks: Trajectories, rules: Rules) -> None:
+    """Raises InputError: there are rows, and none has a place in the plane of a rule."""
+    for rule in (*rules.tripwires, *rules.zones):
+        places = tracks.x_m + tracks.y_m
+        need = "floor positions"
+        if rule.plane == "image":
+            places = tracks.box_px.sum(axis=1)
+            need = "boxes, or with a camera,"
+        if len(tracks) and not np.isfinite(places).any():
+            raise InputError(
+                f"{rules.source}: expected tracks with {need} for rule {rule.name!r}, found none in any row"
+            )
 
 
 def count_truth(
@@ -285,28 +299,33 @@ def score_events(true: Sequence[Event], found: Counts, window_s: float) -> Count
 def crossing_scores(true: Sequence[Event], found: Sequence[Event], window_s: float) -> CrossingScores:
     """Match crossings of one line one to one: most matches within the window, then the smallest time differences."""
     pairs = _match(true, found, window_s, same=True)
-    rest_true = [event for i, event in enumerate(true) if i not in pairs[:, 0]]
-    rest_found = [event for i, event in enumerate(found) if i not in pairs[:, 1]]
+    rest_true = [event for place, event in enumerate(true) if place not in pairs[:, 0]]
+    rest_found = [event for place, event in enumerate(found) if place not in pairs[:, 1]]
     turned = _match(rest_true, rest_found, window_s, same=False)
-    late = np.array([found[j].timestamp_s - true[i].timestamp_s for i, j in pairs])
-    n_true, n_found, n = len(true), len(found), len(pairs)
-    wrong = (n_true - n) + (n_found - n)
-    ways = {
-        f"{kind}_{way}": sum(event.direction == way for event in events)
-        for kind, events in (("true", true), ("found", found))
-        for way in ("left_to_right", "right_to_left")
-    }
+    late_s = np.array([found[b].timestamp_s - true[a].timestamp_s for a, b in pairs])
+    true_ways = Counter(event.direction for event in true)
+    found_ways = Counter(event.direction for event in found)
+    matched = len(pairs)
+    wrong = len(rest_true) + len(rest_found)
     return CrossingScores(
-        **ways,
-        matched=n,
+        true_left_to_right=true_ways["left_to_right"],
+        true_right_to_left=true_ways["right_to_left"],
+        found_left_to_right=found_ways["left_to_right"],
+        found_right_to_left=found_ways["right_to_left"],
+        matched=matched,
         wrong_direction=len(turned),
-        accuracy=max(0.0, 1.0 - abs(n_found - n_true) / n_true) if n_true else None,
-        strict_accuracy=max(0.0, 1.0 - wrong / n_true) if n_true else None,
-        precision=n / n_found if n_found else None,
-        recall=n / n_true if n_true else None,
-        timing_mean_s=float(late.mean()) if n else None,
-        timing_std_s=float(late.std()) if n else None,
+        accuracy=_share(len(true) - abs(len(found) - len(true)), len(true)),
+        strict_accuracy=_share(len(true) - wrong, len(true)),
+        precision=_share(matched, len(found)),
+        recall=_share(matched, len(true)),
+        timing_mean_s=float(late_s.mean()) if matched else None,
+        timing_std_s=float(late_s.std()) if matched else None,
     )
+
+
+def _share(part: int, whole: int) -> float | None:
+    """A share, not below 0; None of nothing."""
+    return max(0.0, part / whole) if whole else None
 
 
 def occupancy_groups(true: I64, found: I64) -> list[OccupancyGroup]:
@@ -314,21 +333,35 @@ def occupancy_groups(true: I64, found: I64) -> list[OccupancyGroup]:
     difference = (found - true).astype(np.float64)
     groups = []
     for name, low, high in PEOPLE_GROUPS:
-        mine = difference[(true >= low) & (true <= high)]
-        figures = [float(v.mean()) if len(mine) else None for v in (100.0 * (mine == 0), mine, np.abs(mine))]
-        groups.append(OccupancyGroup(name, len(mine), *figures))
+        chosen = difference[(true >= low) & (true <= high)]
+        if not len(chosen):
+            groups.append(OccupancyGroup(name, 0, None, None, None))
+            continue
+        right_percent = 100.0 * float((chosen == 0).mean())
+        groups.append(
+            OccupancyGroup(name, len(chosen), right_percent, float(chosen.mean()), float(np.abs(chosen).mean()))
+        )
     return groups
 
 
 def _match(true: Sequence[Event], found: Sequence[Event], window_s: float, *, same: bool) -> I64:
     """(K, 2) indices of matches of the same, or of opposite, directions."""
-    apart = np.array([[abs(f.timestamp_s - t.timestamp_s) for f in found] for t in true]).reshape(len(true), len(found))
-    alike = np.array([[f.direction == t.direction for f in found] for t in true]).reshape(apart.shape)
-    rows, cols = np.nonzero((apart <= window_s) & (alike == same))
+    true_s, true_way = _times_and_ways(true)
+    found_s, found_way = _times_and_ways(found)
+    apart_s = np.abs(found_s - true_s[:, None])
+    is_alike = found_way == true_way[:, None]
+    rows, cols = np.nonzero((apart_s <= window_s) & (is_alike == same))
     # One pair more weighs more than all time differences: the number of matches comes first.
-    weight = (window_s + 1.0) * (min(apart.shape) + 1) - apart[rows, cols]
+    weight = (window_s + 1.0) * (min(apart_s.shape) + 1) - apart_s[rows, cols]
     chosen = best_pairs(rows, cols, weight, np.zeros(len(rows), dtype=np.int64))
     return np.column_stack([rows[chosen], cols[chosen]])
+
+
+def _times_and_ways(events: Sequence[Event]) -> tuple[F64, WordColumn]:
+    """(N,) times [s] and directions of events."""
+    times_s = np.array([event.timestamp_s for event in events], dtype=np.float64)
+    ways = np.array([event.direction for event in events], dtype=np.str_)
+    return times_s, ways
 
 
 def _of(events: Sequence[Event], rule: str) -> list[Event]:

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib.errors import InputError
 from planview.trajectories.identities import recording_starts, with_ids_judged, with_paths_apart
 from planview.trajectories.table import Trajectories, concatenated, people_of, positions_table, table_of
 
@@ -108,3 +109,8 @@ def test_a_row_of_every_nth_frame_stands_for_n() -> None:
 
 def test_a_table_tells_how_many_people_it_has() -> None:
     assert "5 rows of 1 people" in repr(walkers((1,), frames=5)) and "of 0 people" in repr(walkers((1,), frames=4))
+
+
+def test_a_single_row_that_is_there_twice_is_refused() -> None:
+    with pytest.raises(InputError, match="two for frame 5, id 2"):
+        table_of(columns([*range(9), *range(9), 5], [1] * 9 + [2] * 10), "t.csv")
