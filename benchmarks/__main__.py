@@ -20,12 +20,17 @@ BENCHMARKS = {
 }
 
 
+def _shown(value: object) -> str | None:
+    """A default as the help shows it; None hides that there is none."""
+    return str(value) if value else None
+
+
 def make_app(words: Sequence[str] = ()) -> App:
     """The command tree; a benchmark's module is imported when it is called, or named for its whole help."""
     app = App(
         name="benchmarks",
         help="Measure speed and accuracy on this machine.",
-        default_parameter=Parameter(negative_iterable=()),
+        default_parameter=Parameter(negative_iterable=(), show_default=_shown),
     )
     for name, text in BENCHMARKS.items():
         app.command(f"benchmarks.{name}:{name}", name=name, help=None if name in words else text)

@@ -186,6 +186,12 @@ def test_heads_record_the_same_person_on_their_own_clocks(scene: Path, tmp_path:
     np.testing.assert_allclose(in_common, np.column_stack([a.x_m, a.y_m])[3:], atol=2e-4)
 
 
+def test_committed_room_has_two_heads() -> None:
+    heads = load_rig_scenes(assets.SCENES / "rigs" / "two.toml")
+    assert [head.mount.name for head in heads] == ["a", "b"]
+    assert len(heads[0].scene.people) >= 2
+
+
 def test_head_of_several_records_what_a_single_rig_does(scene):
     head = load_rig_scenes(scene)[0]
     assert (head.renderer().frame(4).left == SceneRenderer(head.scene).frame(4).left).all()
