@@ -198,22 +198,16 @@ class RunFolder:
         """Frames of the recording up to the last one that the run read."""
         return self.tracks.n_frames or 0
 
-    @property
-    def truth_of_recording(self) -> Trajectories:
-        """``truth``; raises InputError where there is none."""
-        if self.truth is None:
-            where = (self.recording or Path()) / "truth.csv"
-            raise InputError(f"{where}: expected the truth of the run's recording, found none")
-        return self.truth
-
     def evaluate(self, params: EvaluationParams | None = None, frames: tuple[int, int] | None = None) -> Evaluation:
         """The scores of the tracks, by default at the rate of the run and in all its frames (see ``evaluate_tracks``).
         Raises InputError: no truth."""
         from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks  # brings scipy
 
-        truth = self.truth_of_recording
+        if self.truth is None:
+            where = (self.recording or Path()) / "truth.csv"
+            raise InputError(f"{where}: expected the truth of the run's recording, found none")
         params = params or EvaluationParams(fps=self.info.fps or 30.0)
-        return evaluate_tracks(self.tracks, truth, params, frames)
+        return evaluate_tracks(self.tracks, self.truth, params, frames)
 
     @property
     def frame_s(self) -> float:

@@ -96,38 +96,60 @@ def write_report(folder: Path, truth: Path | None = None) -> Path:
 
 
 def _pictures(results: RunFolder) -> list[Picture]:
-    pictures = []
-    placed = plots.placed(results.tracks)
-    if len(placed):
-        note = "Each person from the dot to the square; thin where only predicted. Lines: metres."
-        note += " Black: the truth." if results.truth is not None else ""
-        pictures.append(picture("Floor", plots.floor_plot(results), note))
-    observed = placed.where(placed.state != "lost")
-    if len(observed):
-        png, longest = plots.heat_plot(np.column_stack([observed.x_m, observed.y_m]), results)
-        note = f"Time that people spent in each cell of {plots.HEAT_CELL_M:.1f} m, on a logarithmic scale: yellow "
-        note += f"{longest:.1f} s, dark blue a {plots.HEAT_RANGE:.0f}th of it."
-        pictures.append(picture("Heat map", png, note, keep_colours=True))
-    if (templates := plots.template_plot(results)) is not None:
+    """Pictures of the floor, of templates, and of numbers over time."""
+    pictures = _floor_pictures(results)
+    templates = plots.template_plot(results)
+    if templates is not None:
         note = "Height (above, up to 2 m) and occupancy around each person in the middle of the track, 0.8 m wide."
         pictures.append(picture("Templates", templates, note, keep_colours=True))
     if results.n_frames > 1:
         frames = np.arange(results.n_frames, dtype=np.int64)
         people = plots.people_plot(results.tracks, results.clock.at(frames), frames)
         pictures.append(picture("People over time", people))
-    rules, end_s = results.rule_counts, results.clock.span(max(1, results.n_frames)).end_s
-    crossings: dict[str, list[tuple[float, int]]] = {}
-    for name, rule in rules.items():
-        for way in ("left_to_right", "right_to_left") if rule.get("kind") == "tripwire" else ():
-            times = sorted(e.timestamp_s for e in results.events if (e.rule, e.direction) == (name, way))
-            steps = [(0.0, 0), *((time_s, n) for n, time_s in enumerate(times, 1))]
-            crossings[f"{name}, {way_words(way, rule.get('inward'))}"] = steps
-    inside = {name: rule.get("occupancy") or rule.get("length") or [] for name, rule in rules.items()}
-    for title, series in (("Crossings over time", crossings), ("Occupancy and queues", inside)):
-        if known := {name: changes for name, changes in series.items() if changes}:
-            label = "crossings" if series is crossings else "people"
-            pictures.append(picture(title, plots.steps_plot(known, end_s, label)))
+    end_s = results.clock.span(max(1, results.n_frames)).end_s
+    crossings = _crossings(results)
+    if crossings:
+        pictures.append(picture("Crossings over time", plots.steps_plot(crossings, end_s, "crossings")))
+    inside = {}
+    for name, rule in results.rule_counts.items():
+        changes = rule.get("occupancy") or rule.get("length")
+        if changes:
+            inside[name] = changes
+    if inside:
+        pictures.append(picture("Occupancy and queues", plots.steps_plot(inside, end_s, "people")))
     return pictures
+
+
+def _floor_pictures(results: RunFolder) -> list[Picture]:
+    """Ways of people on the floor, and the time that they spent there."""
+    pictures = []
+    placed = plots.placed(results.tracks)
+    if len(placed):
+        note = "Each person from the dot to the square; thin where only predicted. Lines: metres."
+        if results.truth is not None:
+            note += " Black: the truth."
+        pictures.append(picture("Floor", plots.floor_plot(results), note))
+    observed = placed.where(placed.state != "lost")
+    if len(observed):
+        png, longest_s = plots.heat_plot(np.column_stack([observed.x_m, observed.y_m]), results)
+        note = f"Time that people spent in each cell of {plots.HEAT_CELL_M:.1f} m, on a logarithmic scale: yellow "
+        note += f"{longest_s:.1f} s, dark blue a {plots.HEAT_RANGE:.0f}th of it."
+        pictures.append(picture("Heat map", png, note, keep_colours=True))
+    return pictures
+
+
+def _crossings(results: RunFolder) -> dict[str, list[tuple[float, int]]]:
+    """Times [s] and numbers of crossings, by line and direction."""
+    crossings = {}
+    for name, rule in results.rule_counts.items():
+        if rule.get("kind") != "tripwire":
+            continue
+        for way in ("left_to_right", "right_to_left"):
+            events = [event for event in results.events if event.rule == name and event.direction == way]
+            times_s = sorted(event.timestamp_s for event in events)
+            title = f"{name}, {way_words(way, rule.get('inward'))}"
+            crossings[title] = [(0.0, 0), *((time_s, n) for n, time_s in enumerate(times_s, 1))]
+    return crossings
 
 
 def _people(run: RunFolder) -> list[dict[str, Any]]:
