@@ -70,7 +70,8 @@ MAX_VIEWS = 40
 
 def sharpness(grey: U8, corners: Corners) -> float:
     """Median steepness of the edges at the corners, as a share of their contrast per pixel (1: perfectly sharp)."""
-    values, half = [], 4  # [px]
+    values = []
+    half = 4  # [px]
     height, width = grey.shape
     for x, y in np.rint(corners.pixels).astype(int):
         patch = grey[max(0, y - half) : y + half + 1, max(0, x - half) : x + half + 1]
@@ -95,7 +96,8 @@ def select_views(
     floor = 0.6 * float(np.quantile(np.asarray(sharp), 0.9))
     good = [i for i, value in enumerate(sharp) if value >= floor]
     # (n, 8) where the left image shows the four outer corners of the board, visible or not [image widths].
-    flat, features = points[:, :2], np.empty((len(views), 8))
+    flat = points[:, :2]
+    features = np.empty((len(views), 8))
     (x0, y0), (x1, y1) = flat.min(axis=0), flat.max(axis=0)
     ends = np.array([[[x0, y0], [x1, y0], [x1, y1], [x0, y1]]])
     for i, view in enumerate(views):
@@ -160,7 +162,8 @@ def fit_camera(views: Sequence[BoardView], points: F64, side: Side, size: tuple[
         flags = lens.flags
         if share is not None:
             guess = Camera(*size, share * size[0], share * size[0], (size[0] - 1) / 2, (size[1] - 1) / 2)
-            start, flags = (guess.matrix, np.zeros(lens.count)), flags | cv2.CALIB_USE_INTRINSIC_GUESS
+            start = guess.matrix, np.zeros(lens.count)
+            flags |= cv2.CALIB_USE_INTRINSIC_GUESS
         with suppress(cv2.error, FitError):
             error, *found = calibrate(objects, pixels, size, *start, flags=flags, criteria=_criteria(_MAX_ITERATIONS))
             if math.isfinite(error):
@@ -177,7 +180,8 @@ def fit_rig(
 ) -> RigFit:
     """Both cameras, the transform between them and all board poses together, from cameras to start with. Raises
     FitError: no rig fits."""
-    size, fisheye = cameras[0].size, lens.model == "fisheye"
+    size = cameras[0].size
+    fisheye = lens.model == "fisheye"
     shown = _same_lengths(views) if fisheye else views
     given: tuple[Any, ...] = (
         _stacked([points[view.ids] for view in shown], fisheye),
@@ -207,8 +211,9 @@ def fit_rig(
 def view_errors(rig: StereoRig, view: BoardView, points: F64, pose: F64) -> F64:
     """(2, n, 2) reprojection errors [px] in the left and the right image for a board at ``pose`` (6,); NaN behind."""
     in_left = SE3.from_rotvec(pose[:3], pose[3:]) @ points[view.ids]
-    found = rig.left.project(in_left), rig.right.project(rig.right_SE3_left @ in_left)
-    return np.stack([found[0] - view.left, found[1] - view.right])
+    left = rig.left.project(in_left)
+    right = rig.right.project(rig.right_SE3_left @ in_left)
+    return np.stack([left - view.left, right - view.right])
 
 
 def held_out_error(rig: StereoRig, view: BoardView, points: F64, start: F64) -> float:
@@ -228,17 +233,21 @@ def standard_deviations(views: Sequence[BoardView], points: F64, fit: RigFit) ->
     parameters = rig_parameters(fit.rig)
     values = np.array(list(parameters.values()))[:-1]  # without the baseline
     free = values != 0.0  # the coefficients that the lens does not have are exactly 0
-    information, squares, n = np.zeros((free.sum(), free.sum())), 0.0, -int(free.sum())
+    information = np.zeros((free.sum(), free.sum()))
+    squares = 0.0
+    n = -int(free.sum())
     for view, pose, error in zip(views, fit.poses, fit.errors, strict=True):
         jacobian = approx_fprime(
             np.append(values, pose),
             lambda v, view=view: view_errors(_rig_of(v[:-6], fit.rig), view, points, v[-6:]).ravel(),
             1e-6,
         )
-        of_rig, of_pose = jacobian[:, :-6][:, free], jacobian[:, -6:]
+        of_rig = jacobian[:, :-6][:, free]
+        of_pose = jacobian[:, -6:]
         left_over = of_rig - of_pose @ np.linalg.lstsq(of_pose, of_rig, rcond=None)[0]
         information += left_over.T @ left_over
-        squares, n = squares + float((error**2).sum()), n + error.size - 6
+        squares += float((error**2).sum())
+        n += error.size - 6
     covariance = np.zeros((len(values), len(values)))
     covariance[np.ix_(free, free)] = np.linalg.pinv(information) * (squares / max(n, 1))
     along = values[-3:] / np.linalg.norm(values[-3:])

@@ -236,8 +236,10 @@ def starts(
 def weighted_errors(camera: GroundCamera, places_m: F64, rows: F64, model: HumanModel) -> F64:
     """(n,) error E = whf Ehf + wbb Ebb of the (n, 8) rows of people at (n, 2) places [m] (Zhang 2008, section 3.3)."""
     boxes = model.boxes(camera, places_m)
-    low, high = boxes[:, :2], boxes[:, :2] + boxes[:, 2:]
-    area, marked_area = boxes[:, 2:].prod(axis=1), (rows[:, 2:4] - rows[:, :2]).prod(axis=1)
+    low = boxes[:, :2]
+    high = low + boxes[:, 2:]
+    area = boxes[:, 2:].prod(axis=1)
+    marked_area = (rows[:, 2:4] - rows[:, :2]).prod(axis=1)
     ends = np.stack([model.head(camera, places_m), model.foot(camera, places_m)], axis=1)
     apart = np.linalg.norm(ends - rows[:, 4:].reshape(-1, 2, 2), axis=2).mean(axis=1)
     radius = (np.sqrt(area / math.pi) + np.sqrt(marked_area / math.pi)) / 2
@@ -252,7 +254,9 @@ def _refuse_unfit(fit: GroundCameraFit, errors: F64, name: str) -> None:
     """Most samples must fit well, and determine the camera; how badly the odd ones fit does not matter."""
     fits = fit.deviations <= ODD_FROM
     error = float(np.median(errors[fits])) if fits.any() else math.inf
-    roll_deg, height_std, problem = math.degrees(fit.camera.roll_rad), float(fit.std[HEIGHT]), ""
+    roll_deg = math.degrees(fit.camera.roll_rad)
+    height_std = float(fit.std[HEIGHT])
+    problem = ""
     if error > MAX_ERROR or fits.mean() < 0.5:
         found = f"error {error:.2f} (at most {MAX_ERROR:g}), {1.0 - fits.mean():.0%} of the samples far off"
         way = "are they standing people of one size in upright images of this size?"
@@ -287,7 +291,8 @@ def assess(fit: GroundCameraFit, people: MarkedPeople, model: HumanModel, walked
     middles = 0.5 * (feet[first] + feet[second])
     advisor = _Advisor(fit, np.asarray(middles[:: max(1, len(middles) // 1000)]))
     found = advisor.next_sample(model, walked)
-    values, limits = advisor.deviations(fit.covariance), advisor.limits
+    values = advisor.deviations(fit.covariance)
+    limits = advisor.limits
     enough = bool((values <= limits).all())
     error, height, tilt = values.tolist()
     away = advisor.deviations(fit.covariance, from_camera=True)[0]
@@ -318,13 +323,17 @@ class _Advisor:
         """Prepare; floor positions are judged at (n, 2) pixels, without the rigid motion that moves all alike."""
         floor = fit.camera.back_project(pixels)
         known = np.isfinite(floor).all(axis=1)
-        self.fit, self._pixels, self._floor = fit, pixels[known], floor[known]
-        low, high = np.quantile(self._floor, (0.05, 0.95), axis=0) if known.any() else (np.zeros(2), np.zeros(2))
-        self.limits = np.array(
-            [min(FLOOR_ERROR_M, 0.1 * float(np.hypot(*(high - low)))), KNOWN_HEIGHT_STD, KNOWN_TILT_STD]
-        )
+        self.fit = fit
+        self._pixels = pixels[known]
+        self._floor = floor[known]
+        region_m = 0.0
+        if known.any():
+            low, high = np.quantile(self._floor, (0.05, 0.95), axis=0)
+            region_m = float(np.hypot(*(high - low)))
+        self.limits = np.array([min(FLOOR_ERROR_M, 0.1 * region_m), KNOWN_HEIGHT_STD, KNOWN_TILT_STD])
         x, y = (self._floor - self._floor.mean(axis=0)).T
-        one, zero = np.ones(len(x)), np.zeros(len(x))
+        one = np.ones(len(x))
+        zero = np.zeros(len(x))
         rigid = np.stack([np.column_stack([one, zero, -y]), np.column_stack([zero, one, x])], axis=1)
         self._rigid = np.linalg.qr(rigid.reshape(-1, 3))[0]
         self.gain: F64 | None = None
@@ -358,20 +367,25 @@ class _Advisor:
         if not np.isfinite(self.fit.covariance).all():
             return None
         # Places [m] all over the image, 13 across and 10 down, where a whole person would be.
-        fit, camera = self.fit, self.fit.camera
-        across, down = (np.linspace(0, extent - 1, n) for extent, n in zip(camera.size, (13, 10), strict=True))
+        fit = self.fit
+        camera = fit.camera
+        across = np.linspace(0, camera.width - 1, 13)
+        down = np.linspace(0, camera.height - 1, 10)
         places = camera.back_project(np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2))
         places = places[np.isfinite(places).all(axis=1)]
-        size, width = np.full(len(places), fit.stature), np.full(len(places), math.exp(fit.shared[GIRTH]))
+        size = np.full(len(places), fit.stature)
+        width = np.full(len(places), math.exp(fit.shared[GIRTH]))
         rows = predict(camera, body_points(model), places, np.zeros_like(places), size, width, fit.prior)
         inside = (rows[:, :2] >= 0).all(axis=1) & (rows[:, 2:4] < np.array(camera.size)).all(axis=1)
         # A person lower than this in the image carries no information [px].
         inside &= np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1]) >= 20.0
-        places, rows = places[inside], rows[inside]
+        places = places[inside]
+        rows = rows[inside]
         if walked is not None:
             u, v = rows[:, 6:8].round().astype(int).T
             met = walked[v.clip(0, walked.shape[0] - 1), u.clip(0, walked.shape[1] - 1)]
-            places, rows = places[met], rows[met]
+            places = places[met]
+            rows = rows[met]
         if not len(places):
             return None
         further = MarkedPeople(rows, np.ones(len(rows)), np.full(len(rows), PERSON_STD), np.zeros(len(rows), np.bool_))
@@ -409,7 +423,8 @@ class _Advisor:
         # Six further samples are a bearable effort: where they are not enough, a known value is better advice.
         reached = self._enough(6 * self.gain)
         if self.fit.prior.reading == "boxes":
-            more, reached = "mark heads and feet where they are, not at the middles of the boxes' edges", False
+            more = "mark heads and feet where they are, not at the middles of the boxes' edges"
+            reached = False
         if give and not reached:
             return f"{give}, or {more}"
         return f"{more}, or {give}" if give else more
