@@ -69,7 +69,9 @@ class Camera:
     def project(self, points: ArrayLike) -> F64:
         """(N, 2) float64 pixels of (N, 3) points in the camera frame [m], z forward; a point at z <= 0 gives NaN."""
         p = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-        pixels, front, zero = np.full((len(p), 2), np.nan), p[:, 2] > 0, np.zeros(3)
+        pixels = np.full((len(p), 2), np.nan)
+        front = p[:, 2] > 0
+        zero = np.zeros(3)
         if front.any():
             project = cv2.fisheye.projectPoints if self.model == "fisheye" else cv2.projectPoints
             found, _ = project(p[front].reshape(-1, 1, 3), zero, zero, self.matrix, self.coefficients)
@@ -94,6 +96,8 @@ class Camera:
 
     def scaled(self, width: int, height: int) -> Camera:
         """The same lens at another resolution of the same field of view."""
-        sx, sy = width / self.width, height / self.height
-        cx, cy = (self.cx + 0.5) * sx - 0.5, (self.cy + 0.5) * sy - 0.5
+        sx = width / self.width
+        sy = height / self.height
+        cx = (self.cx + 0.5) * sx - 0.5
+        cy = (self.cy + 0.5) * sy - 0.5
         return replace(self, width=width, height=height, fx=self.fx * sx, fy=self.fy * sy, cx=cx, cy=cy)

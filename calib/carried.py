@@ -29,12 +29,14 @@ class Carried:
 
     def state(self) -> dict[str, Any]:
         """A copy of the attributes by name, as plain values."""
-        held, known = vars(self), dict[int, int]()
+        held = vars(self)
+        known = dict[int, int]()
         return {name: plain(held[name], self.RECORDS, known) for name in self.CARRIED or held}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Continue from a copy of the state of an object with the same parameters."""
-        held, known = vars(self), list[Any]()
+        held = vars(self)
+        known = list[Any]()
         for name, value in state.items():
             if isinstance(held[name], Carried):
                 held[name].set_state(value)
@@ -45,7 +47,8 @@ class Carried:
 def plain(value: Any, records: Records = (), known: dict[int, int] | None = None) -> Any:
     """A copy of a value: arrays, and what JSON holds, all else as ``{kind: content}``. Raises TypeError: a value of
     another class than ``records``; ``known``: numbers of the records so far, by their id."""
-    known, kind = {} if known is None else known, type(value)
+    known = {} if known is None else known
+    kind = type(value)
     if kind in (NoneType, bool, int, float, str):
         return value
     if isinstance(value, Carried):

@@ -82,19 +82,23 @@ class FloorPinhole:
 
     def rays(self, pixels: ArrayLike) -> F64:
         """See ``FloorCamera``; of unit depth."""
-        p, k = np.asarray(pixels, dtype=np.float64), self.matrix
-        u, v = (p[..., 0] - k[0, 2]) / k[0, 0], (p[..., 1] - k[1, 2]) / k[1, 1]
+        p = np.asarray(pixels, dtype=np.float64)
+        k = self.matrix
+        u = (p[..., 0] - k[0, 2]) / k[0, 0]
+        v = (p[..., 1] - k[1, 2]) / k[1, 1]
         return np.stack([u, v, np.ones_like(u)], axis=-1) @ self.world_SE3_camera.rotation.T
 
     def project(self, points_world: ArrayLike) -> F64:
         """See ``FloorCamera``."""
-        points, k = np.asarray(points_world, dtype=np.float64), self.matrix
+        points = np.asarray(points_world, dtype=np.float64)
+        k = self.matrix
         p = (points - self.world_SE3_camera.translation) @ self.world_SE3_camera.rotation
         z = np.where(p[..., 2] > 1e-6, p[..., 2], np.nan)
         return np.stack([k[0, 0] * p[..., 0] / z + k[0, 2], k[1, 1] * p[..., 1] / z + k[1, 2]], axis=-1)
 
     def back_project(self, pixels: ArrayLike) -> F64:
         """See ``FloorCamera``."""
-        rays, centre = self.rays(pixels), self.world_SE3_camera.translation
+        rays = self.rays(pixels)
+        centre = self.world_SE3_camera.translation
         down = np.where(rays[..., 2] < -1e-9, -rays[..., 2], np.nan)
         return np.asarray(centre[:2] + rays[..., :2] * (centre[2] / down)[..., None], dtype=np.float64)

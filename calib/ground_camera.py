@@ -90,11 +90,14 @@ class GroundCamera:
     @property
     def projection(self) -> F64:
         """See ``FloorCamera``."""
-        s, c = math.sin(self.tilt_rad), math.cos(self.tilt_rad)
-        turned, upright = math.sin(self.roll_rad), math.cos(self.roll_rad)
+        s = math.sin(self.tilt_rad)
+        c = math.cos(self.tilt_rad)
+        turned = math.sin(self.roll_rad)
+        upright = math.cos(self.roll_rad)
         roll = np.array([[upright, -turned, 0.0], [turned, upright, 0.0], [0.0, 0.0, 1.0]])
         axes = roll @ np.array([[1.0, 0.0, 0.0], [0.0, -c, -s], [0.0, s, -c]])
-        u, v = 0.5 * (self.width - 1), 0.5 * (self.height - 1)
+        u = 0.5 * (self.width - 1)
+        v = 0.5 * (self.height - 1)
         lens = np.array([[self.focal_px, 0.0, u], [0.0, self.focal_px, v], [0.0, 0.0, 1.0]])
         return np.asarray(lens @ np.column_stack([axes, -axes @ self.centre_m]), dtype=np.float64)
 
@@ -104,7 +107,8 @@ class GroundCamera:
         Pixel (0, 0) is the centre of the top-left pixel.
         """
         p = np.asarray(points_world, dtype=np.float64)
-        s, c = math.sin(self.tilt_rad), math.cos(self.tilt_rad)
+        s = math.sin(self.tilt_rad)
+        c = math.cos(self.tilt_rad)
         drop = self.height_m - p[..., 2]
         depth = p[..., 1] * s + drop * c
         depth = np.where(depth > 1e-6, depth, np.nan)
@@ -114,8 +118,10 @@ class GroundCamera:
         k = self.distortion_k
         # r + K r^2 turns back at r = -1/(2K): beyond it the image has no such point.
         scale = np.where(1.0 + 2.0 * k * r > 0.0, 1.0 + k * r, np.nan)
-        x, y = x * scale, y * scale
-        s, c = math.sin(self.roll_rad), math.cos(self.roll_rad)
+        x = x * scale
+        y = y * scale
+        s = math.sin(self.roll_rad)
+        c = math.cos(self.roll_rad)
         return np.stack([c * x - s * y + (self.width - 1) / 2, s * x + c * y + (self.height - 1) / 2], axis=-1)
 
     def back_project(self, pixels: ArrayLike, height_m: float = 0.0) -> F64:
@@ -125,7 +131,8 @@ class GroundCamera:
         the horizon, of what is higher above it.
         """
         ray = self.rays(pixels)
-        down, below_m = -ray[..., 2], self.height_m - height_m
+        down = -ray[..., 2]
+        below_m = self.height_m - height_m
         meets = below_m * down > abs(below_m) * LEVEL_PX
         lam = np.where(meets, below_m / np.where(meets, down, 1.0), np.nan)
         return lam[..., None] * ray[..., :2]
@@ -135,16 +142,20 @@ class GroundCamera:
         uv = np.asarray(pixels, dtype=np.float64)
         right = uv[..., 0] - (self.width - 1) / 2
         low = uv[..., 1] - (self.height - 1) / 2
-        s, c = math.sin(self.roll_rad), math.cos(self.roll_rad)
-        x, y = c * right + s * low, c * low - s * right
+        s = math.sin(self.roll_rad)
+        c = math.cos(self.roll_rad)
+        x = c * right + s * low
+        y = c * low - s * right
         r = np.hypot(x, y)
         k = self.distortion_k
         if k != 0.0:
             # Solve r' = r + K r^2 for the smaller root.
             root = np.sqrt(np.where(1.0 + 4.0 * k * r >= 0.0, 1.0 + 4.0 * k * r, np.nan))
             scale = np.where(r > 0, 2.0 / (1.0 + root), 1.0)
-            x, y = x * scale, y * scale
-        s, c = math.sin(self.tilt_rad), math.cos(self.tilt_rad)
+            x = x * scale
+            y = y * scale
+        s = math.sin(self.tilt_rad)
+        c = math.cos(self.tilt_rad)
         return np.stack([x, self.focal_px * s - y * c, -(self.focal_px * c + y * s)], axis=-1)
 
     def scaled(self, width: int, height: int) -> GroundCamera:
@@ -170,7 +181,9 @@ def load_ground_camera(path: Path) -> GroundCamera:
         data = load_toml(path, "a camera.toml")
         if unknown := set(data) - keys:
             raise InputError(f"{path}: expected the keys {sorted(keys)}, found {sorted(unknown)[0]!r}")
-        width, height = int(data["width"]), int(data["height"])
+        width = int(data["width"])
+        height = int(data["height"])
         focal_px, height_m, tilt_deg = (float(data[key]) for key in ("focal_px", "height_m", "tilt_deg"))
-        lens, roll_deg = str(data.get("lens", "pinhole")), float(data.get("roll_deg", 0.0))
+        lens = str(data.get("lens", "pinhole"))
+        roll_deg = float(data.get("roll_deg", 0.0))
         return GroundCamera(width, height, focal_px, height_m, math.radians(tilt_deg), lens, math.radians(roll_deg))

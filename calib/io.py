@@ -236,7 +236,8 @@ FREE_BYTES_MIN = 64 * 2**20
 
 def refuse_full_disk(path: Path, size: int = 0) -> None:
     """Raises WorkError: the disk of a file that grows has no room for ``size`` more bytes and FREE_BYTES_MIN."""
-    needed, free = FREE_BYTES_MIN + size, shutil.disk_usage(path.parent).free
+    needed = FREE_BYTES_MIN + size
+    free = shutil.disk_usage(path.parent).free
     if free < needed:
         raise WorkError(
             f"{path}: expected at least {needed >> 20} MB of free disk, found {free >> 20}: "

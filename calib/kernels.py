@@ -126,7 +126,8 @@ def digest_of(file: Path) -> str:
 
 def sources(file: Path) -> set[Path]:
     """A file and the files of our packages that it imports, directly or not."""
-    known, new = set[Path](), {file}
+    known = set[Path]()
+    new = {file}
     while new:
         known |= new
         new = {imported for importing in new for imported in _read(importing)[1]} - known
@@ -136,7 +137,8 @@ def sources(file: Path) -> set[Path]:
 @cache
 def _read(file: Path) -> tuple[bytes, set[Path]]:
     """Digest of a file, and the files of our packages that it imports."""
-    text, names = file.read_text(encoding="utf-8"), set[str]()
+    text = file.read_text(encoding="utf-8")
+    names = set[str]()
     for module, members in IMPORT.findall(text):
         names |= {module, *(f"{module}.{member}" for member in re.findall(r"\w+", members))}
     return sha256(text.encode()).digest(), {source for name in names if (source := _file_of(name))}

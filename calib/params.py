@@ -87,7 +87,8 @@ def tables_of(table: type[Params], name: str = "") -> Iterator[tuple[str, type[P
 def described(table: type[Params], values: Params | None = None) -> list[Described]:
     """The parameters of a table in words, without those of tables inside of it; ``values`` gives the defaults where the
     table is part of another."""
-    meanings, found = _field_docs(table), []
+    meanings = _field_docs(table)
+    found = []
     for name, info in table.model_fields.items():
         if not (isinstance(info.annotation, type) and issubclass(info.annotation, Params)):
             default = _default(info) if values is None else _shown(getattr(values, name))

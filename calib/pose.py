@@ -65,7 +65,8 @@ class SE3:
 
     def toml(self, digits: int | None = None) -> list[str]:
         """Lines of a file that ``from_table`` reads; floats keep all their digits unless fewer decimals are given."""
-        rotation, translation = self.rotation.tolist(), self.translation.tolist()
+        rotation = self.rotation.tolist()
+        translation = self.translation.tolist()
         if digits is not None:
             rotation, translation = (np.round(v, digits).tolist() for v in (rotation, translation))
         return [f"rotation = {rotation!r}", f"translation_m = {translation!r}"]

@@ -99,8 +99,10 @@ class StereoRig:
     def check(self, source: str) -> StereoRig:
         """Return self, or refuse a geometry that cannot be a stereo rig. Raises InputError: baseline out of range
         (wrong units), cameras that look apart, or a right camera above, below, ahead of or to the left of the other."""
-        baseline_m, t = self.baseline_m, self.right_SE3_left.translation
-        turn, problem = math.degrees(self.right_SE3_left.angle_rad), ""
+        baseline_m = self.baseline_m
+        t = self.right_SE3_left.translation
+        turn = math.degrees(self.right_SE3_left.angle_rad)
+        problem = ""
         if not MIN_BASELINE_M <= baseline_m <= MAX_BASELINE_M:
             cause = "wrong units?" if baseline_m else "the file holds no distance between the cameras"
             units = {"centimetres": baseline_m / 100, "millimetres": baseline_m / 1000}

@@ -235,12 +235,14 @@ def rate_of_times(times_s: F64) -> Rate | None:
     steps = steps[(steps > 0) & (steps < JUMP_S)]
     if not steps.size:
         return None
-    period, mean = float(np.median(steps)), float(steps.mean())
+    period = float(np.median(steps))
+    mean = float(steps.mean())
     even = float(np.mean(np.abs(steps - mean) < 0.5 * mean))
     if even < EVEN_SHARE and steps.max() < SLOW_S and np.median(steps[steps <= mean]) < BUFFERED_S:
         begins = np.flatnonzero(steps > mean) + 1
         if len(begins) > 2:
-            mean, burst = float(steps[: begins[-1]].mean()), int(np.median(np.diff(begins)))
+            mean = float(steps[: begins[-1]].mean())
+            burst = int(np.median(np.diff(begins)))
             return Rate(1.0 / mean, float(np.std(steps)) * 1e3, float(steps.sum()), 0, 0, 0.0, burst)
     wide = steps > 1.5 * period
     return Rate(
@@ -273,7 +275,8 @@ def spread_bursts(times_s: F64, rate: Rate) -> tuple[F64, tuple[str, ...]]:
 def clock_is_set(steps_s: F64, period_s: F64 | float) -> Bool:
     """(n,) which steps from frame to frame [s] are a clock that was set, or segments that were joined: hours ahead, or
     back by more than frames come out of order."""
-    far, back = np.maximum(JUMP_S, 100.0 * np.asarray(period_s)), -10.0 * np.maximum(period_s, 0.1)
+    far = np.maximum(JUMP_S, 100.0 * np.asarray(period_s))
+    back = -10.0 * np.maximum(period_s, 0.1)
     return np.asarray((steps_s > far) | (steps_s < back), dtype=np.bool_)
 
 
@@ -281,19 +284,24 @@ class RunningClock:
     """Times of frames as they come, in order: where the clock was set they run on at the nominal rate."""
 
     def __init__(self, fps: float) -> None:
-        self._period_s, self._index, self._last_s, self._offset_s = 1.0 / fps, 0, -math.inf, 0.0
+        self._period_s = 1.0 / fps
+        self._index = 0
+        self._last_s = -math.inf
+        self._offset_s = 0.0
 
     def time(self, index: int, own_s: float) -> tuple[float, str]:
         """The time [s] of a frame by its own one, and why it cannot be used, empty where it can: such a time does not
         count for the frames after it."""
-        now_s, before_s = own_s + self._offset_s, self._last_s
+        now_s = own_s + self._offset_s
+        before_s = self._last_s
         usual_s = self._period_s * (index - self._index)
         if math.isfinite(now_s) and math.isfinite(before_s) and clock_is_set(np.array([now_s - before_s]), usual_s)[0]:
             self._offset_s += before_s + usual_s - now_s
             now_s = before_s + usual_s
         why = unusable_time(now_s, before_s)
         if not why:
-            self._index, self._last_s = index, now_s
+            self._index = index
+            self._last_s = now_s
         return now_s, why
 
 
@@ -310,7 +318,8 @@ def run_on(times_s: F64, frames: I64 | None = None) -> tuple[F64, tuple[str, ...
     numbers = np.arange(len(times_s)) if frames is None else frames
     if len(times_s) < 2:
         return times_s, ()
-    steps, apart = np.diff(times_s), np.diff(numbers)
+    steps = np.diff(times_s)
+    apart = np.diff(numbers)
     ahead = steps > 0
     period = float(np.median(steps[ahead] / apart[ahead])) if ahead.any() else 0.0
     back = steps < 0
@@ -336,7 +345,8 @@ def period_of(frames: I64, times_s: F64, fallback_s: float) -> float:
 
 def doubts(frames: I64, times_s: F64) -> Sequence[str]:
     """What is odd about the times [s] of (n,) ascending frames, a sentence each: jumps, another unit, bursts."""
-    steps, apart = np.diff(times_s), np.diff(frames)
+    steps = np.diff(times_s)
+    apart = np.diff(frames)
     if not len(steps):
         return ()
     if steps.max() > PAUSE_S:
@@ -353,6 +363,7 @@ def doubts(frames: I64, times_s: F64) -> Sequence[str]:
 
 def jump_note(before_frame: int, frame: int, step_s: float) -> str:
     """A jump of the clock in words."""
-    days, hours = step_s / 86400.0, step_s / 3600.0
+    days = step_s / 86400.0
+    hours = step_s / 3600.0
     size = f"{days:.1f} days" if days >= 2 else f"{hours:.1f} hours" if hours >= 2 else f"{step_s / 60:.0f} minutes"
     return f"the clock jumps by {size} from frame {before_frame} to {frame}: durations and rates include the jump"

@@ -54,8 +54,10 @@ def load_world(path: Path) -> Floor:
     InputError: unreadable, keys missing, or values that cannot be a camera above a floor."""
     with expecting_table(path, "a world.toml"):
         data = load_toml(path, "a world.toml")
-        table, pose = data.get("floor", {}), data["world_SE3_left"]
-        covariance, extent = table.get("covariance"), None
+        table = data.get("floor", {})
+        pose = data["world_SE3_left"]
+        covariance = table.get("covariance")
+        extent = None
         if "extent_m" in table:
             x_min, y_min, x_max, y_max = (float(v) for v in table["extent_m"])
             extent = x_min, y_min, x_max, y_max

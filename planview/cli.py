@@ -114,7 +114,8 @@ def _help_of(target: str) -> dict[str, str]:
     module, name = target.split(":")
     doc = inspect.getdoc(getattr(import_module(module), name)) or ""
     head = re.split(r"\n(?:Args:|Parameters)\n", doc)[0]
-    prose, lines = [], []
+    prose = []
+    lines = []
     for part in filter(None, head.split("\n\n")):
         if not part.startswith("Example"):
             prose.append(" ".join(part.split()))

@@ -40,9 +40,11 @@ def frame_span(frames: Frames) -> tuple[int, int]:
             first, last = map(int, frames)
         elif isinstance(frames, str) and ":" in frames:
             begin, _, end = frames.partition(":")
-            first, last = int(begin or 0), int(end)
+            first = int(begin or 0)
+            last = int(end)
         else:
-            first, last = 0, int(frames) - 1
+            first = 0
+            last = int(frames) - 1
     except (TypeError, ValueError):
         problem = f"expected FIRST:LAST or N, e.g. 0:399 or 400, found {frames!r}"
         raise InputError(problem, argument="frames") from None

@@ -73,7 +73,8 @@ def align(
         InputError: fewer than two recordings, or one that cannot be read.
         WorkError: the heads share no people, or these do not determine the pose.
     """
-    paths, file = [Path(head) for head in heads], path_of(out)
+    paths = [Path(head) for head in heads]
+    file = path_of(out)
     in_range("clock", clock, 0, 3600, " s")
     if len(paths) < 2:
         raise InputError(f"calibrate align needs the recordings of two heads or more, found {len(paths)}")
@@ -82,7 +83,8 @@ def align(
     if file is not None:
         for head in paths:
             relative_to(head, file.parent)
-    parameters, records = settings(config, set), []
+    parameters = settings(config, set)
+    records = []
     for head in paths:
         with PlainConsole(stderr=True, quiet=quiet).status(f"tracking {head.name}"):
             records.append(record_rig(head, parameters, fps))
@@ -131,7 +133,8 @@ def board(
         WorkError: too few images show the board.
     """
     one_of("model", model, ("auto", *get_args(LensModel)))
-    square_m, file = parse_square(str(square)), Path(out)
+    square_m = parse_square(str(square))
+    file = Path(out)
     request = BoardRequest(
         parse_board(board, square_m, marker, dictionary),
         square_m,
@@ -188,7 +191,8 @@ def parse_board(text: str | None, square_m: float, marker: str | None, dictionar
     match = re.fullmatch(r"\s*(charuco)?[\s:]*(\d{1,3})\s*[xX×]\s*(\d{1,3})\s*", text)
     if match is None:
         raise InputError(f"expected 9x6 (inner corners) or charuco:8x6 (squares), found {text!r}", argument="board")
-    cols, rows = int(match[2]), int(match[3])
+    cols = int(match[2])
+    rows = int(match[3])
     try:
         if not match[1]:
             return Board(cols, rows, square_m)
@@ -234,7 +238,8 @@ def convert(
     Raises:
         InputError: a calibration that cannot be read, or a format that is not known.
     """
-    source, target = Path(source), Path(target)
+    source = Path(source)
+    target = Path(target)
     if to is None and target.suffix.lower() not in {one.suffix for one in WRITTEN if one.suffix}:
         keys = ", ".join(one.key for one in WRITTEN)
         problem = f"expected {keys} for {target}, because no format has the suffix of {target.name!r}"

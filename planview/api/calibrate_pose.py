@@ -215,7 +215,8 @@ def human(
     except ValueError as error:
         raise InputError(_in_arguments(str(error))) from error
     in_range("count", count, 3, 200)
-    path, file = Path(samples), Path(out)
+    path = Path(samples)
+    file = Path(out)
     source = path if auto else path_of(frames)
     video = open_video(source, OpenOptions(fps=fps)) if source else None
     size = _size(image_size, video, None if auto else read_image_size(path), path)
@@ -225,9 +226,11 @@ def human(
         with Progress(console=console, transient=True) as progress:
             task = progress.add_task("Following people", total=video.n_frames)
             collected = collect_samples(video, count, done=lambda: progress.advance(task))
-        taken, independent = collected.samples, collected.independent
+        taken = collected.samples
+        independent = collected.independent
     else:
-        taken, independent = read_samples(path), None
+        taken = read_samples(path)
+        independent = None
     check_samples(taken, size, str(path))
     console.print(f"fitting a camera to {len(taken)} sightings of people: half a minute for 50")
     found = calibrate_from_people(taken, size, lens, known=known, independent=independent, name=str(path))

@@ -133,7 +133,8 @@ def check(
         InputError: there is nothing that can be read, or nothing gives the times of its frames.
         WorkError: not one frame can be decoded.
     """
-    path, options = Path(recording), opening(calibration, fps, topics, right)
+    path = Path(recording)
+    options = opening(calibration, fps, topics, right)
     several = is_multi_rig(path)
     foreign = calibration or topics or right or corrected_rig
     if several and foreign is not None:
@@ -206,7 +207,8 @@ def _height(text: str) -> float:
 
 
 def _contents(path: Path, reader: Reader, layout: Layout) -> RecordingContents:
-    opened, missing = None, list[InputError]()
+    opened = None
+    missing = list[InputError]()
     try:
         opened = layout.open()
     except InputError as error:
@@ -217,10 +219,14 @@ def _contents(path: Path, reader: Reader, layout: Layout) -> RecordingContents:
         missing.append(InputError(f"{path}: the frames have no times, and there is no timestamps.csv", remedy="fps"))
     cameras = [_camera(stream, fps) for stream in layout.streams]
     durations = [camera["duration_s"] for camera in cameras if camera["duration_s"] is not None]
-    size, calibration, has_world = layout.streams[0].size, None, False
+    size = layout.streams[0].size
+    calibration = None
+    has_world = False
     if opened is not None:
-        camera, head = opened.head.camera, opened.head
-        size, has_world = camera.size, head.world_SE3_left is not None  # squeezed halves are stretched
+        camera = opened.head.camera
+        head = opened.head
+        size = camera.size  # squeezed halves are stretched
+        has_world = head.world_SE3_left is not None
         calibration = {
             "source": head.source,
             "focal_px": camera.fx,
@@ -270,14 +276,17 @@ def _listing(found: dict[str, Any], name: str) -> RenderableType:
     titles = "camera", right("size"), "pixels", right("frames"), right("fps"), right("jitter"), right("gaps")
     table = Table(*titles)
     for camera in found["cameras"]:
-        jitter, gaps = "-", "-"
+        jitter = "-"
+        gaps = "-"
         if camera["jitter_ms"] is not None:
             jitter = f"{camera['jitter_ms']:.2f} ms"
             gaps = f"{camera['gaps']} ({camera['dropped']} frames)" if camera["gaps"] else "none"
-        size, rate = "x".join(map(str, camera["size"])), f"{camera['fps']:.3f}" if camera["fps"] else "-"
+        size = "x".join(map(str, camera["size"]))
+        rate = f"{camera['fps']:.3f}" if camera["fps"] else "-"
         table.add_row(camera["name"], size, camera["pixels"], str(camera["frames"]), rate, jitter, gaps)
     alone = f", {found['unpaired']} without a mate" if found["unpaired"] else ""
-    calibration, text = found["calibration"], "missing"
+    calibration = found["calibration"]
+    text = "missing"
     if calibration is not None:
         across, down = calibration["fov_deg"]
         baseline = f", baseline {calibration['baseline_m'] * 100:.2f} cm" if "baseline_m" in calibration else ""

@@ -180,7 +180,8 @@ def render(
     """
     in_range("every", every, 1, 100_000)
     in_range("trail", trail, 0, 3600, " s")
-    folder, path = Path(folder), path_of(out)
+    folder = Path(folder)
+    path = path_of(out)
     if frame is None and path is not None and path.suffix.lower() in (".png", ".jpg", ".jpeg"):
         raise InputError(f"{path} is one picture: say of which frame", remedy="frame")
     # The engine's parts take half a second.

@@ -176,7 +176,8 @@ def run(
     _refuse_results(what, path)
     single = camera
     if calibration is not None and is_of_one_camera(Path(calibration), tracker, detections is not None):
-        single, calibration = Path(calibration), None
+        single = Path(calibration)
+        calibration = None
     options = opening(calibration, fps, topics, right)
     with compile_notice(console):
         with console.status("opening the recording, aligning rows, finding the floor"):

@@ -152,8 +152,10 @@ def _scored(
     """Scores, with notes on what of truth and tracks does not fit together; ``names`` of the tracks and the truth.
     Raises InputError: tables without a common frame, or without what they are matched on."""
     if len(tracks) and len(truth):
-        first, last = int(tracks.frame.min()), int(tracks.frame.max())
-        begin, end = int(truth.frame.min()), int(truth.frame.max())
+        first = int(tracks.frame.min())
+        last = int(tracks.frame.max())
+        begin = int(truth.frame.min())
+        end = int(truth.frame.max())
         if begin > last or end < first:
             expected = f"expected truth of the frames {first} to {last} of {names[0]}, found {begin} to {end}"
             cause = misfit(truth, tracks, params.match_on == "floor")
@@ -173,7 +175,8 @@ def _beyond(tracks: Trajectories, truth: Trajectories) -> str:
         remedy = "are left out"
         place = f"outside of the frames {first} to {last} that were tracked"
     else:
-        first, last = 0, int(tracks.frame.max(initial=0))
+        first = 0
+        last = int(tracks.frame.max(initial=0))
         remedy = f"count as misses, unless the frames are limited to 0:{last}"
         place = f"after the last track (frame {last})"
     beyond = np.count_nonzero((truth.frame < first) | (truth.frame > last))
@@ -252,7 +255,8 @@ def count(
         raise InputError(f"expected a time greater than 0 s, found {window}", argument="window")
     path = tracks_file(Path(tracks)) if isinstance(tracks, Path | str) else None
     file = load_file(path) if path is not None else TrajectoryFile(table_of(tracks))
-    found, run = limited(file, region, ignore).table, path and RunFolder.around(path)
+    found = limited(file, region, ignore).table
+    run = path and RunFolder.around(path)
     clock = Clock(file.table, fps or (run.info.fps if run else None))
     plane = _plane(path_of(camera), path_of(rig), run or None)
     placed = rules if isinstance(rules, Rules) else rules_files.load_rules(Path(rules), plane)

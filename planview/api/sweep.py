@@ -107,7 +107,8 @@ def _study(
     if len(sources) == 1 and sources[0].suffix == ".toml":
         if vary or config:
             raise InputError(f"vary and config cannot be combined with a study file; write them into {sources[0]}")
-        study, folder = load_study(sources[0]), sources[0].parent
+        study = load_study(sources[0])
+        folder = sources[0].parent
         out = out or sources[0].with_suffix("")
     else:
         if out is None:

@@ -81,7 +81,8 @@ def limited(
     needed: bool = False, warns: bool = False, std: float = math.nan,
 ) -> Check:  # fmt: skip
     """Passes inside the limits; a value that could not be measured fails only when it is needed."""
-    low, high = -math.inf if least is None else least, math.inf if most is None else most
+    low = -math.inf if least is None else least
+    high = math.inf if most is None else most
     ok = low <= value <= high or (math.isnan(value) and not needed)
     if least is not None and most is not None:
         return Check(name, ok, value, unit, (least, most), "between", note, warns, std)

@@ -75,7 +75,8 @@ def write_pictures(seen: PairFrames | DepthFrames, floor: Floor | None, folder: 
     """
     folder.mkdir(parents=True, exist_ok=True)
     middle = len(seen.frames) // 2
-    first_px, last_px = seen.searched.first_px, seen.searched.first_px + seen.searched.count
+    first_px = seen.searched.first_px
+    last_px = seen.searched.first_px + seen.searched.count
     turbo = disparity_colours(seen.disparities[middle], first_px, last_px)
     ends = f"far: {first_px} px", f"near: {last_px} px"
     recorded = [image for image in seen.frames[middle].images if image.dtype == np.uint8]
@@ -158,7 +159,8 @@ def examine(
     """
     if not path.exists():
         raise missing(path)
-    options, search = options or OpenOptions(), search or FloorSearch()
+    options = options or OpenOptions()
+    search = search or FloorSearch()
     if is_multi_rig(path):
         return _examine_heads(open_rigs(path, options.fps), frames, person_height_m, search)
     try:
@@ -190,7 +192,9 @@ def _examine_depth(
 ) -> Diagnosis:
     """A pair, or images with depth. Raises InputError: nothing gives the times of its frames."""
     refuse_untimed(recording)
-    seen, floor, refused = spread_frames(recording, search), None, ""
+    seen = spread_frames(recording, search)
+    floor = None
+    refused = ""
     try:
         floor = seen.floor()
     except WorkError as error:
@@ -199,9 +203,11 @@ def _examine_depth(
     file = RIGS_FILE if recording.name else "world.toml"
     run, times = _run_of(recording, seen.frames, frames, search)
     if isinstance(seen, PairFrames):
-        seen_in_images, geometry = image_checks(seen.frames), alignment_checks(seen)
+        seen_in_images = image_checks(seen.frames)
+        geometry = alignment_checks(seen)
     else:
-        seen_in_images, geometry = _image_checks(seen.frames, run), registration_checks(seen.frames, run)
+        seen_in_images = _image_checks(seen.frames, run)
+        geometry = registration_checks(seen.frames, run)
     checks = [
         Check("calibration and layout", True, math.nan, note=recording.head.source),
         *times,
@@ -296,7 +302,8 @@ class RecordingWatch(Carried):
 
     def __init__(self, rig: FloorRig) -> None:
         self._rig = rig
-        self._motion, self._speed = MotionWatch(), SpeedWatch()
+        self._motion = MotionWatch()
+        self._speed = SpeedWatch()
         self._frames = 0
         self._valid: deque[float] = deque(maxlen=MEASUREMENTS_MAX)
         self._things: deque[F64] = deque(maxlen=MEASUREMENTS_MAX)

@@ -37,7 +37,9 @@ MIN_MATCHES = 60
 
 def alignment_checks(seen: PairFrames) -> list[Check]:
     """Row offset, what turn of a camera explains it, and left-right order."""
-    plain, matches, correction = seen.plain, seen.matches, seen.correction
+    plain = seen.plain
+    matches = seen.matches
+    correction = seen.correction
     enough = len(matches) >= MIN_MATCHES
     offset = float(np.median(np.abs(matches[:, 3]))) * 640.0 / plain.geometry.width if enough else math.nan
     positive = float(np.mean(matches[:, 0] - matches[:, 2] > -0.5)) if enough else math.nan
@@ -99,7 +101,8 @@ def light_checks(*cameras: Sequence[U8]) -> list[Check]:
     over = [float(np.median([np.mean(i[::2, ::2] >= SATURATED_LEVEL) for i in side])) for side in sides]
     bright = [float(np.median([np.percentile(i[::2, ::2], 90) for i in side])) for side in sides]
     names = ["", ""] if len(sides) == 1 else [" of the left camera", " of the right camera"]
-    most_over, darkest = names[int(np.argmax(over))], names[int(np.argmin(bright))]
+    most_over = names[int(np.argmax(over))]
+    darkest = names[int(np.argmin(bright))]
     return [
         # Share of saturated pixels that leaves enough to see people by; a sunny terrace has up to a quarter.
         limited("over-exposure", max(over), "", f"share of saturated pixels{most_over}", most=0.35, warns=True),
@@ -169,7 +172,8 @@ def blocking(image: U8) -> float:
 
 HEIGHT_TOLERANCE = 0.08
 """A known height must be met within this share: 5 cm of noise and shoes, and some error of the floor."""
-POSSIBLE_M, LIKELY_M = (0.4, 2.3), (1.5, 1.95)
+POSSIBLE_M = (0.4, 2.3)
+LIKELY_M = (1.5, 1.95)
 """Heights of moving things that can be people, and of standing adults, whom a usual recording shows [m]."""
 
 
@@ -186,7 +190,8 @@ def height_check(heights: F64, person_height_m: float | None = None) -> Check:
         inside = LIKELY_M[0] <= value <= LIKELY_M[1]
         note = unknown if inside else f"likely {causes}"
         return limited("person height", value, "m", note, least=LIKELY_M[0], most=LIKELY_M[1], warns=True)
-    least, most = person_height_m * (1 - HEIGHT_TOLERANCE), person_height_m * (1 + HEIGHT_TOLERANCE)
+    least = person_height_m * (1 - HEIGHT_TOLERANCE)
+    most = person_height_m * (1 + HEIGHT_TOLERANCE)
     note = f"known to be {person_height_m:g} m" if math.isfinite(value) else "no person was found to measure"
     return limited("person height", value, "m", f"{note}: baseline and units", least=least, most=most, needed=True)
 
@@ -195,7 +200,8 @@ def person_heights(seen: PairFrames | DepthFrames, floor: Floor | None) -> F64:
     """(N,) heights [m] of things that stand out of the background, one per thing and frame."""
     if floor is None:
         return np.empty(0)
-    geometry, disparities = seen.rectifier.geometry, seen.disparities
+    geometry = seen.rectifier.geometry
+    disparities = seen.disparities
     background = median_image(disparities)
     # Disparity by which something must be nearer than the background to stand out of it: four deviations.
     moved = (disparity - background > 1.0 for disparity in disparities)
@@ -275,7 +281,8 @@ def floor_checks(floor: Floor | None, refused: str = "") -> list[Check]:
     return checks
 
 
-OUTDATED_DEG, OUTDATED_M = 2.0, 0.10
+OUTDATED_DEG = 2.0
+OUTDATED_M = 0.10
 """A floor that is further from the one that the images show puts the heads of people 6 cm off their places, or makes
 people 10 cm taller or smaller; right ones of rendered rooms are within 0.4 degrees and 1 cm."""
 OUTDATED_DEVIATIONS = 4.0
@@ -287,7 +294,8 @@ of the same room."""
 
 def given_floor_check(seen: PairFrames | DepthFrames, given: SE3, found: Floor, source: str) -> Check:
     """Whether a floor that was measured before is still that which the background shows; ``source`` names its file."""
-    now, name = found.world_SE3_left, "given floor"
+    now = found.world_SE3_left
+    name = "given floor"
     angle_deg = math.degrees(math.acos(min(1.0, float(given.rotation[2] @ now.rotation[2]))))
     lower_m = float(given.translation[2]) - found.height_m
     spread = np.zeros(3) if found.covariance is None else OUTDATED_DEVIATIONS * np.sqrt(np.diag(found.covariance))
@@ -354,7 +362,8 @@ def registration_checks(spread: Sequence[Frame[Shot]], run: Sequence[Frame[Shot]
     """Whether depth lies on its image, of frames spread over a recording, and is of its time, of consecutive ones."""
     (across, down), found = place_of_depth(spread)
     known = f"edges and people fit best {across:+.0f} px to the right, {down:+.0f} down, of 640"
-    note, name = known if math.isfinite(across) else "too few edges to compare", "depth on its image"
+    note = known if math.isfinite(across) else "too few edges to compare"
+    name = "depth on its image"
     if found:  # depth of another place is worse, of another view useless
         place = explained_check(name, found, note, warns=found.hypothesis.remedy == REGISTER)
     else:
@@ -380,7 +389,8 @@ def delay_of(frames: Sequence[Frame[Shot]]) -> Lag:
     """Frames by which depth moves after its image (see ``lag_of``)."""
     if len(frames) < 2:
         return Lag()
-    images, depths = small_images(frames), small_depths(frames)
+    images = small_images(frames)
+    depths = small_depths(frames)
     moved = [_cells(np.abs(b - a) > CHANGE_LEVEL) for a, b in pairwise(images)]
     with np.errstate(invalid="ignore"):
         stepped = [_cells(np.abs(b - a) > 0.1 + 0.02 * a**2) for a, b in pairwise(depths)]
@@ -395,7 +405,9 @@ def _cells(mask: F32) -> F64:
 
 def depth_checks(geometry: RectifiedGeometry) -> list[Check]:
     """Predicted deviation of depth, and of a point's place in cells of the plan-view map, at 2, 4 and 8 m."""
-    checks, cell_m, note = [], MapParams().cell_m, "predicted standard deviation"
+    checks = []
+    cell_m = MapParams().cell_m
+    note = "predicted standard deviation"
     # Largest deviation at a distance [m]: at 4 m half a metre is a person's width.
     for distance, most in ((2, 0.15), (4, 0.5), (8, None)):
         deviation = geometry.depth_std_m(float(distance))

@@ -66,15 +66,18 @@ def lag_of(left: F64, right: F64) -> Lag:
     # Each less its mean over every WINDOW frames.
     parts = (np.array_split(signal, max(1, round(frames / WINDOW))) for signal in (left, right))
     left, right = (np.concatenate([part - part.mean(axis=0) for part in each]) for each in parts)
-    longest, part_of = min(LONGEST_LAG, frames // 3), np.arange(frames) * GROUPS // frames
+    longest = min(LONGEST_LAG, frames // 3)
+    part_of = np.arange(frames) * GROUPS // frames
     # Of every part and lag: left by right that much later, and each by itself.
     sums = np.zeros((GROUPS, 2 * LONGEST_LAG + 1, 3))
     for lag in range(-longest, longest + 1):
         at = np.arange(max(0, -lag), frames - max(0, lag))
-        a, b = left[at], right[at + lag]
+        a = left[at]
+        b = right[at + lag]
         for k, product in enumerate((a * b, a * a, b * b)):
             sums[:, LONGEST_LAG + lag, k] = np.bincount(part_of[at], product.sum(axis=1), GROUPS)
-    whole, power = sums.sum(axis=0), sums[:, LONGEST_LAG, 1:].sum(axis=1)
+    whole = sums.sum(axis=0)
+    power = sums[:, LONGEST_LAG, 1:].sum(axis=1)
     likeness = _likeness(whole)
     best = int(np.argmax(likeness))
     if likeness[best] < MIN_LIKENESS:
@@ -103,7 +106,8 @@ def _between(likeness: F64, best: int) -> float:
     """The lag of the best score, between frames by the parabola through it and its neighbours."""
     shift = 0.0
     if 0 < best < len(likeness) - 1:
-        before, after = likeness[best - 1], likeness[best + 1]
+        before = likeness[best - 1]
+        after = likeness[best + 1]
         bend = before - 2.0 * likeness[best] + after
         shift = 0.5 * (before - after) / bend if bend < 0 else 0.0
     return float(best - LONGEST_LAG + shift)
@@ -114,7 +118,8 @@ def frame_checks(recording: Recording[Any], spread: Sequence[Any], run: Sequence
     usable = (len(spread) + len(run)) / max(1, asked)
     times = recording.times_s
     known = np.array([f.timestamp_s for f in run]) if times is None else times[np.isfinite(times)]
-    gap, rate = "longest step between frames over the usual one", rate_of_times(known)
+    gap = "longest step between frames over the usual one"
+    rate = rate_of_times(known)
     longest = math.nan if rate is None else max(1.0, rate.longest_gap_s * rate.fps)
     return [
         limited("usable frames", usable, "", "share of the frames read that can be decoded", least=0.9),

@@ -52,7 +52,8 @@ def calibrate_board(call: Call) -> None:
 
 
 def _print_summary(result: BoardCalibration) -> None:
-    rig, std = result.rig, result.std
+    rig = result.rig
+    std = result.std
     for one in result.rejected:
         say(f"not used: {one.name}: {one.why}")
     title = f"{result.board.name}, {len(result.views)} pairs, {rig.left.width}x{rig.left.height}"

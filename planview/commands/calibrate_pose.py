@@ -70,7 +70,8 @@ def calibrate_human(call: Call) -> None:
 
 
 def _summarise(found: HumanCalibration) -> None:
-    camera, std = found.camera, found.std
+    camera = found.camera
+    std = found.std
     say(
         f"camera {camera.height_m:.2f} m (+-{std.height * camera.height_m:.2f}) above the floor, tilt "
         f"{math.degrees(camera.tilt_rad):.1f} (+-{math.degrees(std.tilt_rad):.1f}) degrees, roll "
@@ -86,7 +87,9 @@ def _summarise(found: HumanCalibration) -> None:
 
 
 def _camera_report(found: HumanCalibration, out: Path) -> dict[str, Any]:
-    camera, std, verdict = found.camera, found.std, found.assessment
+    camera = found.camera
+    std = found.std
+    verdict = found.assessment
     following = verdict.next_sample
     return {
         "height_m": camera.height_m,

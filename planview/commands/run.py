@@ -47,7 +47,8 @@ HIDDEN = Parameter(show=False)
     own=JSON | {"print_config": "Print all parameters that the run would have as a file for --config, and end."},
 )
 def run(call: Call) -> None:
-    out, recording = call["out"], call["recording"]
+    out = call["out"]
+    recording = call["recording"]
     if call.own["print_config"]:
         print(config_toml(settings(call["config"], call["set"], base_config(recording))))
         return
@@ -69,7 +70,8 @@ def run(call: Call) -> None:
         raise WorkError(
             f"{error}; planview check {recording} --out pictures draws its rows, depth and floor"
         ) from error
-    info, console = RunFolder(out).info, PlainConsole(stderr=True, quiet=call["quiet"])
+    info = RunFolder(out).info
+    console = PlainConsole(stderr=True, quiet=call["quiet"])
     summary(console, info, out)
     if info.counts:
         print_counts(info.counts, console)

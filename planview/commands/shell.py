@@ -65,7 +65,8 @@ def command(
         groups: titles in the help, with the names of their options.
         own: switches of the command line alone, with their help.
     """
-    signature, own = inspect.signature(function), own or {}
+    signature = inspect.signature(function)
+    own = own or {}
     group_of = {
         name: Group(title, sort_key=place)
         for place, (title, members) in enumerate((groups or {}).items())
@@ -97,7 +98,8 @@ def command(
             bound.apply_defaults()
             show(Call(function, bound, switched))
 
-        run.__name__, run.__doc__ = function.__name__, _help(function.__doc__ or "", signature)
+        run.__name__ = function.__name__
+        run.__doc__ = _help(function.__doc__ or "", signature)
         run.__signature__ = inspect.Signature(shown)  # type: ignore[attr-defined]
         run.__annotations__ = {one.name: one.annotation for one in shown}
         return run
@@ -114,7 +116,8 @@ def _help(doc: str, signature: inspect.Signature) -> str:
 def _typed(annotation: str, function: Callable[..., Any]) -> Any:
     """The part of an annotation that words can give, e.g. the path of a path, a text or a table; None where they cannot
     give any."""
-    parts, left = list[Any](), [ast.parse(annotation, mode="eval").body]
+    parts = list[Any]()
+    left = [ast.parse(annotation, mode="eval").body]
     while left:
         node = left.pop()
         if isinstance(node, ast.BinOp):

@@ -27,7 +27,8 @@ def edit(call: Call) -> None:
 
 @command(api.refine, names={"out": "RUN"}, own=JSON)
 def refine(call: Call) -> None:
-    refined, out = call(), call["out"]
+    refined = call()
+    out = call["out"]
     counts = dict.fromkeys(("join", "smooth"), 0) | Counter(change.kind for change in refined.changes)
     if call.prints_json({"changes": counts, "rows": len(refined.tracks)}):
         return

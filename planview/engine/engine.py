@@ -80,7 +80,8 @@ class FrameResult:
         of the image. Raises InputError: one camera without depth, or recorded maps."""
         if self.stereo is None or self.depth is None:
             raise InputError("expected a stereo pair or images with depth for a point cloud, found no disparity")
-        pose, geometry = self.stereo.floor.world_SE3_left, self.stereo.geometry
+        pose = self.stereo.floor.world_SE3_left
+        geometry = self.stereo.geometry
         return point_cloud(self.depth.disparity, self.depth.image, geometry, pose, self.depth.step)
 
 
@@ -151,9 +152,14 @@ class Engine:
         self.tracker_name = tracker_name or type(tracker).__name__
         by_hand = {f"head {head.name}".strip(): head for head in heads} | {"tracker": tracker}
         self.own_parts = by_hand if own_parts is None else own_parts
-        self.recording, self.config, self.heads, self.tracker = recording, config, tuple(heads), tracker
-        self.camera, self.size = heads[0].camera, heads[0].size
-        self.ahead, self._last_s = min(head.ahead for head in heads), -math.inf
+        self.recording = recording
+        self.config = config
+        self.heads = tuple(heads)
+        self.tracker = tracker
+        self.camera = heads[0].camera
+        self.size = heads[0].size
+        self.ahead = min(head.ahead for head in heads)
+        self._last_s = -math.inf
         self._camera_source = camera_source
         self.rigs = {head.name: head.rig for head in heads if head.rig is not None}
         self.stereo: FloorRig | None = None

@@ -49,14 +49,18 @@ class Feedback(Carried):
     def update(self, tracks: Sequence[TrackState], view: View, decisions: Sequence[Decision] = ()) -> U8 | None:
         """The mask for the next frame, (H, W) uint8 of NO_FEEDBACK, PERSON and BACKGROUND: the last one where a view
         shows nothing, None when feedback is off. ``decisions`` of this frame may give people their ids."""
-        p, points, shape = self.params, view.points, view.kind.shape
+        p = self.params
+        points = view.points
+        shape = view.kind.shape
         if not (p.enabled and view.shows):
             return self.mask
         self._remember(tracks, decisions)
         x, y, z = np.ascontiguousarray(points.xyz.T)
-        near_any, near_walker = np.zeros(len(z), np.bool_), np.zeros(len(z), np.bool_)
+        near_any = np.zeros(len(z), np.bool_)
+        near_walker = np.zeros(len(z), np.bool_)
         for track in tracks:
-            off_x, off_y = x - np.float32(track.x_m), y - np.float32(track.y_m)
+            off_x = x - np.float32(track.x_m)
+            off_y = y - np.float32(track.y_m)
             near = off_x * off_x + off_y * off_y < OWN_M**2
             near_any |= near
             if track.state == "confirmed" and self._starts[track.track_id] is None:
@@ -67,7 +71,8 @@ class Feedback(Carried):
         persons.reshape(-1)[points.pixels[near_walker]] = 1
         left, top, width, height = cv2.boundingRect(persons)
         if width:
-            reach, side = p.spread_px, 2 * p.spread_px + 1
+            reach = p.spread_px
+            side = 2 * p.spread_px + 1
             rows, columns = (slice(max(0, low - reach), low + n + reach) for low, n in ((top, height), (left, width)))
             spread = cv2.dilate(persons[rows, columns], np.ones((side, side), dtype=np.uint8))
             # A person's pixel is no ground.

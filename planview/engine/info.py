@@ -96,13 +96,15 @@ def camera_info(camera: FloorCamera | None, rigs: Mapping[str, FloorRig]) -> Cam
     if len(heads) > 1:
         for head, (name, rig) in zip(heads, rigs.items(), strict=True):
             x_m, y_m, _ = rig.floor.world_SE3_left.translation.tolist()
-            head.name, head.at_m = name, (x_m, y_m)
+            head.name = name
+            head.at_m = (x_m, y_m)
         return heads[0].model_copy(update={"heads": heads})
     return heads[0] if heads else None
 
 
 def _rig_info(rig: FloorRig) -> CameraInfo:
-    geometry, residual_px = rig.geometry, rig.vertical_residual_px
+    geometry = rig.geometry
+    residual_px = rig.vertical_residual_px
     return CameraInfo(
         width=geometry.width,
         height=geometry.height,
@@ -123,7 +125,8 @@ def floor_info(camera: FloorCamera | None, rig: FloorRig | None, source: str = "
     floor = camera if isinstance(camera, GroundCamera) else None if rig is None else rig.floor
     if floor is None:
         return None
-    tilt_deg, roll_deg = math.degrees(floor.tilt_rad), math.degrees(floor.roll_rad)
+    tilt_deg = math.degrees(floor.tilt_rad)
+    roll_deg = math.degrees(floor.roll_rad)
     if rig is None:
         return FloorInfo(height_m=floor.height_m, tilt_deg=tilt_deg, roll_deg=roll_deg, source=source)
     known = not math.isnan(rig.floor.inlier_fraction)
@@ -143,7 +146,8 @@ def camera_of(rig: CameraInfo, floor: FloorInfo) -> FloorCamera | None:
     if rig.focal_px is None:
         return None
     if floor.world_SE3_left is None:
-        tilt, roll = math.radians(floor.tilt_deg), math.radians(floor.roll_deg)
+        tilt = math.radians(floor.tilt_deg)
+        roll = math.radians(floor.roll_deg)
         return GroundCamera(rig.width, rig.height, rig.focal_px, floor.height_m, tilt, rig.lens or "pinhole", roll)
     if rig.center_px is None or rig.focal_v_px is None:
         return None
@@ -160,7 +164,8 @@ def _outline(camera: FloorCamera, reach_m: float) -> list[tuple[float, float]]:
     (w, h), t = (n - 1 for n in camera.size), np.linspace(0.0, 1.0, 16, endpoint=False)
     zeros = np.zeros(len(t))
     sides = [(t * w, zeros), (zeros + w, t * h), (w - t * w, zeros + h), (zeros, h - t * h)]
-    rays, centre = camera.rays(np.concatenate([np.column_stack(side) for side in sides])), camera.centre_m
+    rays = camera.rays(np.concatenate([np.column_stack(side) for side in sides]))
+    centre = camera.centre_m
     across = np.hypot(rays[:, 0], rays[:, 1])
     down = np.maximum(-rays[:, 2], 1e-12)
     reach = np.where(rays[:, 2] < 0, np.minimum(centre[2] * across / down, reach_m), reach_m)

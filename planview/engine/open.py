@@ -66,7 +66,8 @@ def open_engine(
             file (see ``load_detections``), or per frame (N, 4) left, top, width, height [px] or (N, 5) with a score.
         config: every parameter, or tables of those that differ; the defaults, or those that made the maps, when None.
     """
-    path, camera = Path(path), Path(camera) if isinstance(camera, str) else camera
+    path = Path(path)
+    camera = Path(camera) if isinstance(camera, str) else camera
     config = config if isinstance(config, Config | None) else config_of(config, argument="config")
     refuse_tracker(tracker, get_args(TrackerName))
     if not isinstance(options, OpenOptions | None):
@@ -201,7 +202,8 @@ def _needs(tracker: AnyTracker) -> Needs:
 def _that_fits(tracker: AnyTracker, given: Literal["maps", "image"], recording: AnySource) -> AnyTracker:
     """The tracker. Raises InputError: the recording does not give what it needs."""
     if ((needs := _needs(tracker)) == "image") != (given == "image"):
-        one, depth = "one camera without depth", "a stereo pair, images with depth or plan-view maps"
+        one = "one camera without depth"
+        depth = "a stereo pair, images with depth or plan-view maps"
         name = tracker if isinstance(tracker, str) else type(tracker).__name__
         needed, found = (one, depth) if needs == "image" else (depth, one)
         raise InputError(f"{recording.path}: the tracker {name} needs {needed}, found {found}")

@@ -73,7 +73,8 @@ def set_up(
     seen = spread_frames(recording, floor_search(config))
     if isinstance(seen, DepthFrames):
         return _set_up_depth(recording, seen, config, pose_file)
-    light, search = image_checks(seen.frames), floor_search(config)
+    light = image_checks(seen.frames)
+    search = floor_search(config)
     try:
         refuse_foreign(seen.plain, seen.matches)
         floor, source = _floor_of(recording, seen, pose_file, config)
