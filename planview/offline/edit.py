@@ -103,8 +103,9 @@ _BY_ID: dict[str, Callable[..., Trajectories]] = {
 
 def _shorter(table: Trajectories, seconds: float) -> Trajectories:
     frame_s = frame_period_s(table, 1 / 30)
-    ids, times = np.unique(table.track_id[table.state == "confirmed"], return_counts=True)
-    return table.where(np.isin(table.track_id, ids[times * frame_s >= seconds]) | (seconds <= 0))
+    ids, frames = np.unique(table.track_id[table.state == "confirmed"], return_counts=True)
+    long = ids[frames * frame_s >= seconds]
+    return table.where(np.isin(table.track_id, long) | (seconds <= 0))
 
 
 def _join_gaps(table: Trajectories, seconds: float, metres: float) -> Trajectories:

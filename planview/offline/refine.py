@@ -58,19 +58,23 @@ def smoothed(times_s: F64, xy_m: F64, measured: Bool) -> tuple[F64, F64]:
     """(N, 2) positions [m] and velocities [m/s] at (N,) rising times [s] from (N, 2) positions where measured, the
     first among them, before and after (Rauch, Tung, Striebel 1965)."""
     state = FloorKalman.at(float(xy_m[0, 0]), float(xy_m[0, 1]), POSITION_STD_M)
-    filtered, predicted = [state], [state]  # after, and before, the measurement of every row
-    for k in range(1, len(times_s)):
-        state = state.predict(float(times_s[k] - times_s[k - 1]), body.ACCELERATION_MPS2)
+    # After, and before, the measurement of every row.
+    filtered = [state]
+    predicted = [state]
+    steps_s = np.diff(times_s).tolist()
+    for row, step_s in enumerate(steps_s, start=1):
+        state = state.predict(step_s, body.ACCELERATION_MPS2)
         predicted.append(state)
-        if measured[k]:
-            state = state.update(float(xy_m[k, 0]), float(xy_m[k, 1]), POSITION_STD_M)
+        if measured[row]:
+            state = state.update(float(xy_m[row, 0]), float(xy_m[row, 1]), POSITION_STD_M)
         filtered.append(state)
-    states = np.array([s.mean for s in filtered])
-    for k in range(len(filtered) - 2, -1, -1):
-        ahead, step = predicted[k + 1], np.eye(4)
-        step[[0, 1], [2, 3]] = times_s[k + 1] - times_s[k]
-        gain = np.linalg.solve(ahead.covariance, step @ filtered[k].covariance).T
-        states[k] += gain @ (states[k + 1] - ahead.mean)
+    states = np.array([state.mean for state in filtered])
+    for row in range(len(filtered) - 2, -1, -1):
+        later = predicted[row + 1]
+        motion = np.eye(4)
+        motion[[0, 1], [2, 3]] = steps_s[row]
+        gain = np.linalg.solve(later.covariance, motion @ filtered[row].covariance).T
+        states[row] += gain @ (states[row + 1] - later.mean)
     return states[:, :2], states[:, 2:]
 
 
@@ -94,11 +98,14 @@ def refine(tracks: Trajectories) -> Refined:
         raise InputError("expected floor positions in all confirmed rows to refine them, found rows without")
     untimed = not np.isfinite(tracks.timestamp_s).any()
     tracks = replace(tracks, timestamp_s=Clock(tracks, USUAL_FPS).at(tracks.frame))
-    own = {i: tracks.where(rows) for i, rows in rows_by_id(tracks.track_id)}
-    known = [table for table in own.values() if (table.state == "confirmed").any()]
-    known.sort(key=lambda table: int(table.frame[0]))
-    chains, changes = _joined(known)
-    parts = [table for table in own.values() if (table.state != "confirmed").all()]
+    people: list[Trajectories] = []
+    parts: list[Trajectories] = []
+    for _, rows in rows_by_id(tracks.track_id):
+        track = tracks.where(rows)
+        is_person = (track.state == "confirmed").any()
+        (people if is_person else parts).append(track)
+    people.sort(key=lambda track: int(track.frame[0]))
+    chains, changes = _join_tracks(people)
     for chain in chains:
         path, change = _smoothed_path(chain)
         parts.append(path)
@@ -109,63 +116,102 @@ def refine(tracks: Trajectories) -> Refined:
     return Refined(refined, sorted(changes, key=lambda c: (c.first_frame, c.track_id, c.kind)))
 
 
-def _joined(tracks: Sequence[Trajectories]) -> tuple[list[Trajectories], list[Change]]:
+def _join_tracks(tracks: Sequence[Trajectories]) -> tuple[list[Trajectories], list[Change]]:
     """One table per person, under the first id, from tracks of one id each by rising first frame: of the joins whose
     log-odds sum to most, those by which the tracker recognises people (it saw clothes as well and took the later track
     for a stranger)."""
-    from scipy.optimize import linear_sum_assignment  # half a second
-
-    odds = np.array([[_log_odds(a, b) for b in tracks] for a in tracks]).reshape(len(tracks), len(tracks))
-    ends, starts = linear_sum_assignment(np.maximum(odds, 0.0), maximize=True)
-    former = {int(j): int(i) for i, j in zip(ends, starts, strict=True) if odds[i, j] > KNOWN_LOG_ODDS}
+    former_of = _former_tracks(tracks)
+    person_of: list[int] = []  # place of the person's first track
     chains: dict[int, list[Trajectories]] = {}
     changes: list[Change] = []
-    first = list(range(len(tracks)))
-    for j, track in enumerate(tracks):
-        if j in former:
-            i = former[j]
-            first[j] = first[i]
-            before = chains[first[j]][-1]
-            chains[first[j]][-1] = before.where(before.frame < track.frame[0])
-            last = int(np.flatnonzero(before.state == "confirmed")[-1])
-            gap_s = track.timestamp_s[0] - before.timestamp_s[last]
-            reason = f"track {track.track_id[0]} begins {gap_s:.1f} s after the end of track {before.track_id[0]}"
-            person, frames = int(tracks[first[j]].track_id[0]), (int(before.frame[last]), int(track.frame[0]))
-            changes.append(Change(person, *frames, "join", reason, float(odds[i, j])))
-        chains.setdefault(first[j], []).append(track)
-    people = [concatenated(chain) for chain in chains.values()]
-    ids = [chain[0].track_id[0] for chain in chains.values()]
-    return [replace(p, track_id=np.full(len(p), i)) for p, i in zip(people, ids, strict=True)], changes
+    for place, track in enumerate(tracks):
+        if place not in former_of:
+            person_of.append(place)
+            chains[place] = [track]
+            continue
+        former, log_odds = former_of[place]
+        person = person_of[former]
+        person_of.append(person)
+        before = chains[person][-1]
+        # Predictions end where somebody was seen again.
+        chains[person][-1] = before.where(before.frame < track.frame[0])
+        chains[person].append(track)
+        changes.append(_join_change(int(tracks[person].track_id[0]), before, track, log_odds))
+    people: list[Trajectories] = []
+    for chain in chains.values():
+        path = concatenated(chain)
+        people.append(replace(path, track_id=np.full(len(path), chain[0].track_id[0])))
+    return people, changes
 
 
-def _log_odds(a: Trajectories, b: Trajectories) -> float:
-    """Of track b being the person of track a, who walked on out of sight, rather than a stranger: by place and height.
+def _former_tracks(tracks: Sequence[Trajectories]) -> dict[int, tuple[int, float]]:
+    """The place of the track that each track continues, and the log-odds, for those that continue one."""
+    from scipy.optimize import linear_sum_assignment  # half a second
 
-    Negative where b begins before the end of a, or out of a walker's reach. A height that is unknown decides nothing.
+    odds = np.empty((len(tracks), len(tracks)))
+    for before, former in enumerate(tracks):
+        for after, later in enumerate(tracks):
+            odds[before, after] = _log_odds(former, later)
+    ends, starts = linear_sum_assignment(np.maximum(odds, 0.0), maximize=True)
+    former_of: dict[int, tuple[int, float]] = {}
+    for before, after in zip(ends.tolist(), starts.tolist(), strict=True):
+        if odds[before, after] > KNOWN_LOG_ODDS:
+            former_of[after] = before, float(odds[before, after])
+    return former_of
+
+
+def _join_change(person: int, before: Trajectories, after: Trajectories, log_odds: float) -> Change:
+    """The row of refinement.csv of two tracks that were joined."""
+    last = _last_confirmed(before)
+    gap_s = after.timestamp_s[0] - before.timestamp_s[last]
+    reason = f"track {after.track_id[0]} begins {gap_s:.1f} s after the end of track {before.track_id[0]}"
+    return Change(person, int(before.frame[last]), int(after.frame[0]), "join", reason, log_odds)
+
+
+def _log_odds(before: Trajectories, after: Trajectories) -> float:
+    """Log-odds that a later track is the person of an earlier one, who walked on out of sight, rather than a stranger,
+    by place and height.
+
+    Negative where it begins before the end of the other, or out of a walker's reach. A height that is unknown decides
+    nothing.
     """
-    end, start = int(np.flatnonzero(a.state == "confirmed")[-1]), int(np.flatnonzero(_measured(b))[0])
-    gone_s = float(b.timestamp_s[start] - a.timestamp_s[end])
-    away_m = math.hypot(b.x_m[start] - a.x_m[end], b.y_m[start] - a.y_m[end])
-    if b.frame[0] <= a.frame[end] or not body.is_within_reach(gone_s, away_m):
+    end = _last_confirmed(before)
+    start = int(np.flatnonzero(_measured(after))[0])
+    gone_s = float(after.timestamp_s[start] - before.timestamp_s[end])
+    dx = float(after.x_m[start] - before.x_m[end])
+    dy = float(after.y_m[start] - before.y_m[end])
+    if after.frame[0] <= before.frame[end] or not body.is_within_reach(gone_s, math.hypot(dx, dy)):
         return -1.0
-    ahead_m = body.walking_on_s(gone_s) * np.nan_to_num(a.velocity_mps[end])
-    away_m = math.hypot(b.x_m[start] - a.x_m[end] - ahead_m[0], b.y_m[start] - a.y_m[end] - ahead_m[1])
+    ahead_x, ahead_y = (body.walking_on_s(gone_s) * np.nan_to_num(before.velocity_mps[end])).tolist()
+    away_m = math.hypot(dx - ahead_x, dy - ahead_y)
     place = body.log_odds_same_place(gone_s, away_m, math.inf, JOINT.floor_m2)  # without clothes a door is anybody's
-    heights = [table.height_m[(table.state == "confirmed") & np.isfinite(table.height_m)] for table in (a, b)]
-    if not len(heights[0]) or not len(heights[1]):
+    tall_m = _median_height(before)
+    height_m = _median_height(after)
+    if math.isnan(tall_m + height_m):
         return place
-    tall_m, height_m = (float(np.median(own)) for own in heights)
     return place + body.log_odds_same_height(height_m, 0.0, tall_m, math.sqrt(2) * MEDIAN_HEIGHT_STD_M, JOINT.low_share)
 
 
-def _measured(own: Trajectories) -> Bool:
-    return np.asarray((own.state != "lost") & np.isfinite(own.x_m + own.y_m))
+def _median_height(table: Trajectories) -> float:
+    """Median height of the confirmed rows [m]; NaN where none is known."""
+    heights_m = table.height_m[(table.state == "confirmed") & np.isfinite(table.height_m)]
+    return float(np.median(heights_m)) if len(heights_m) else math.nan
+
+
+def _last_confirmed(table: Trajectories) -> int:
+    """The last confirmed row."""
+    return int(np.flatnonzero(table.state == "confirmed")[-1])
+
+
+def _measured(table: Trajectories) -> Bool:
+    """(N,) whether a row has a place that was seen, not predicted."""
+    return np.asarray((table.state != "lost") & np.isfinite(table.x_m + table.y_m))
 
 
 def _smoothed_path(path: Trajectories) -> tuple[Trajectories, Change]:
     """The rows of one person, smoothed from the first measured to the last confirmed one, each track by itself."""
     is_measured = _measured(path)
-    last = int(np.flatnonzero(path.state == "confirmed")[-1])
+    last = _last_confirmed(path)
     before_m = np.column_stack([path.x_m, path.y_m])
     after_m = before_m.copy()
     velocity = path.velocity_mps.copy()
