@@ -23,7 +23,7 @@ from calib.types import F32, F64
 from calib.world import RigEntry
 from planview.engine.config import Config
 from planview.engine.open import engine_of
-from planview.evaluation.align import floor_rotation
+from planview.evaluation.align import AS_COMPLEX, fit_turn, floor_rotation
 from planview.evaluation.paths import (
     MEET_M,
     TICK_S,
@@ -204,12 +204,13 @@ def _fits(piece: F64, tick: int, other: WalkedPath, widest: int) -> list[tuple[f
     if not len(windows):
         return []
     centres, centre = windows.mean(axis=1), piece.mean(axis=0)
-    b, a = windows - centres[:, None], piece - centre
-    cross = (b[..., 0] * a[:, 1] - b[..., 1] * a[:, 0]).sum(axis=1)
-    dot = (b * a).sum(axis=(1, 2))
-    # Rigid residual of centred point sets: |a|^2 + |b|^2 - 2 |(dot, cross)| (Umeyama 1991 without scale).
-    square = np.maximum((a**2).sum() + (b**2).sum(axis=(1, 2)) - 2 * np.hypot(dot, cross), 0.0)
-    rms, angle = np.sqrt(square / n), np.arctan2(cross, dot)
+    spread = ((windows - centres[:, None]) ** 2).sum(axis=(1, 2))
+    with np.errstate(invalid="ignore"):  # who stands all the time fits nothing
+        turns = fit_turn(windows @ AS_COMPLEX, piece @ AS_COMPLEX)
+    # Of a turn without its scale: |a|^2 + |b|^2 - 2 |turn| |b|^2.
+    square = ((piece - centre) ** 2).sum() + spread - 2.0 * np.abs(turns) * spread
+    rms = np.sqrt(np.maximum(square, 0.0) / n)
+    angle = np.angle(turns)
     # Of neighbouring clocks only the best fit counts.
     around = np.concatenate([[np.inf], rms, [np.inf]])
     best = np.flatnonzero((rms <= PIECE_RMS_M) & (rms <= around[:-2]) & (rms <= around[2:]))
