@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, cast
 
@@ -19,17 +18,17 @@ from calib.rig import StereoRig
 from calib.types import AnyArray
 from planview.checks.motion import MotionWatch, thumbnails
 from planview.checks.scene import delay_of
-from stereo.depth import DEPTH_UNITS, metres
-from stereo.doctor.explain import RAW_UNITS, explain, explain_colours, explain_fields, place_of_depth
-from stereo.doctor.hypotheses import COLOURS, FIELDS, LATE, LENGTHS, OFFSET_DEPTH, REGISTER, WHICH
+from stereo.depth import metres
+from stereo.doctor.diagnose import RAW_UNITS, diagnose, diagnose_colours, diagnose_fields, place_of_depth
+from stereo.doctor.hypotheses import REGISTER
 from stereo.readers import open_any
 from stereo.recording import Decoded, DepthCamera, Pair, Recording
 from stereo.rectify import Rectifier, rectified_rig
 
 FRAMES = 60
 """Consecutive frames in which a delay is looked for."""
-Change = Callable[[AnyArray], AnyArray]
 Read = Callable[[Sequence[int]], list[tuple[Decoded, Decoded]]]
+Images = Callable[[AnyArray, AnyArray], tuple[AnyArray, AnyArray]]
 
 
 class Fault(NamedTuple):
@@ -37,79 +36,76 @@ class Fault(NamedTuple):
     frames the second camera is late, or the second field of both cameras' images if they are woven."""
 
     name: str
-    images: Callable[[AnyArray, AnyArray], tuple[AnyArray, AnyArray]] | None = None
+    images: Images | None = None
     head: Callable[[Any], Any] | None = None
     late: int = 0
     woven: bool = False
 
 
+NOT_SYNCHRONOUS = "the cameras are not synchronous, or one of them is numbered one higher"
+OTHER_COLOURS = "red and blue are exchanged in the images of one camera"
+
+
 def _woven(now: AnyArray, later: AnyArray) -> AnyArray:
     """The even rows of one image and the odd ones of a later one."""
-    return np.where(np.arange(len(now)).reshape(-1, *[1] * (now.ndim - 1)) % 2, later, now)
+    image = now.copy()
+    image[1::2] = later[1::2]
+    return image
 
 
-def _interlaced(image: AnyArray) -> AnyArray:
-    return np.concatenate([image[::2], image[1::2]])
-
-
-DONE: dict[str, Change] = {
-    "mirrored": np.fliplr,
-    "turned by 180 degrees": lambda image: np.rot90(image, 2),
-    "flipped top to bottom": np.flipud,
-    "turned by 90 degrees to the left": np.rot90,
-    "turned by 90 degrees to the right": lambda image: np.rot90(image, -1),
-    "interlaced, one field above the other": _interlaced,
-    "of half the size": lambda image: cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA),
-}
+def upside_down(image: AnyArray) -> AnyArray:
+    return np.rot90(image, 2)
 
 
 def pair_faults(rig: StereoRig) -> list[Fault]:
     """Each fault of pairs under the name that it should get."""
+    pose = rig.right_SE3_left
+    aligned = rectified(rig)
 
-    def done(change: Change, exchanged: bool, left: bool, right: bool) -> Callable[..., tuple[AnyArray, AnyArray]]:
-        def images(a: AnyArray, b: AnyArray) -> tuple[AnyArray, AnyArray]:
-            a, b = (change(a) if left else a), (change(b) if right else b)
-            return (b, a) if exchanged else (a, b)
+    def with_rig(other: StereoRig) -> Callable[[Pair], Pair]:
+        return lambda head: replace(head, rig=other)
 
-        return images
-
-    def calibrated(pose: SE3 | None = None, scale: float = 1.0) -> Callable[[Pair], Pair]:
+    def sized(scale: float) -> Callable[[Pair], Pair]:
         width, height = rig.left.size
         larger = rig.scaled(round(scale * width), round(scale * height))
-        left, right = (replace(camera, width=width, height=height) for camera in (larger.left, larger.right))
-        own = replace(larger, left=left, right=right)
-        return lambda head: replace(head, rig=replace(own, right_SE3_left=pose or rig.right_SE3_left))
+        left = replace(larger.left, width=width, height=height)
+        right = replace(larger.right, width=width, height=height)
+        return with_rig(replace(larger, left=left, right=right))
 
-    pose, ideal = rig.right_SE3_left, rectified_rig(rig)
-    inverse = SE3(pose.inverse().rotation, -pose.inverse().translation)
-    aligned = rectified(rig)
+    def apart(times: float) -> Callable[[Pair], Pair]:
+        return with_rig(replace(rig, right_SE3_left=SE3(pose.rotation, times * pose.translation)))
 
     def shifted(a: AnyArray, b: AnyArray) -> tuple[AnyArray, AnyArray]:
         left, right = aligned(a, b)
         return left, np.roll(right, len(right) // 60, axis=0)
 
-    lenses = replace(rig, left=rig.right, right=rig.left)
-    sizes = {"twice": 2.0, "1.5 times": 1.5, "two thirds of": 2 / 3, "half": 0.5}
-    found = [Fault(""), Fault("left and right are exchanged", lambda a, b: (b, a))]
-    found += [Fault(f"{which} {what}", done(change, *how)) for what, change in DONE.items() for which, *how in WHICH]
-    found += [
-        Fault("the images of one camera are negative", lambda a, b: (a, 255 - b)),
-        Fault("the images of one camera are negative", lambda a, b: (255 - a, b)),
-        Fault("the images are rectified already", rectified(rig)),
-        Fault("the pose of the right camera is inverted", head=calibrated(inverse)),
-        Fault("the lenses of left and right are exchanged", head=lambda head: replace(head, rig=lenses)),
-        *(Fault(f"the calibration is that of images {n} the size", head=calibrated(scale=f)) for n, f in sizes.items()),
-        *(
-            Fault(f"the baseline is in {unit}", head=calibrated(SE3(pose.rotation, pose.translation / metre)))
-            for unit, metre in LENGTHS.items()
-        ),
-        Fault("the images are not rectified yet", head=lambda head: replace(head, rig=ideal)),
-        Fault("the images of one camera are shifted up or down", shifted, lambda head: replace(head, rig=ideal)),
-        Fault(FIELDS.name, late=1, woven=True),
-        Fault(COLOURS.name, lambda a, b: (a, b[..., ::-1])),
-        *(Fault(LATE["right camera"].name, late=n) for n in (1, 2)),
+    ideal = rectified_rig(rig)
+    inverted = SE3(pose.rotation.T, pose.rotation.T @ pose.translation)
+    exchanged = replace(rig, left=rig.right, right=rig.left)
+    return [
+        Fault(""),
+        Fault("left and right are exchanged", lambda a, b: (b, a)),
+        Fault("the right images are upside down", lambda a, b: (a, upside_down(b))),
+        Fault("the left images are upside down", lambda a, b: (upside_down(a), b)),
+        Fault("the images of both cameras are upside down", lambda a, b: (upside_down(a), upside_down(b))),
+        Fault("the images of both cameras are mirrored", lambda a, b: (np.fliplr(a), np.fliplr(b))),
+        Fault("the images are rectified already", aligned),
+        Fault("the images are not rectified yet", head=with_rig(ideal)),
+        Fault("the images of one camera are shifted up or down", shifted, with_rig(ideal)),
+        Fault("the pose of the right camera is inverted", head=with_rig(replace(rig, right_SE3_left=inverted))),
+        Fault("the lenses of left and right are exchanged", head=with_rig(exchanged)),
+        Fault("the calibration is that of images twice the size", head=sized(2.0)),
+        Fault("the calibration is that of images 1.5 times the size", head=sized(1.5)),
+        Fault("the calibration is that of images two thirds of the size", head=sized(2 / 3)),
+        Fault("the calibration is that of images half the size", head=sized(0.5)),
+        Fault("the baseline is in millimetres", head=apart(1000.0)),
+        Fault("the baseline is in centimetres", head=apart(100.0)),
+        Fault("the baseline is in inches, or in squares of about 25 mm", head=apart(40.0)),
+        Fault("each image is woven of two fields of different times", late=1, woven=True),
+        Fault(OTHER_COLOURS, lambda a, b: (a, b[..., ::-1])),
+        Fault(NOT_SYNCHRONOUS, late=1),
+        Fault(NOT_SYNCHRONOUS, late=2),
     ]
-    return found
 
 
 def rectified(rig: StereoRig) -> Callable[[AnyArray, AnyArray], tuple[AnyArray, AnyArray]]:
@@ -125,44 +121,42 @@ def rectified(rig: StereoRig) -> Callable[[AnyArray, AnyArray], tuple[AnyArray, 
 
 def depth_faults(head: DepthCamera) -> list[Fault]:
     """Each fault of images with depth under the name that it should get."""
-    camera, units = head.depth_camera or head.camera, head.depth_units.units_per_m if head.depth_units else 1.0
+    camera = head.depth_camera or head.camera
+    units = head.depth_units.units_per_m if head.depth_units else 1.0
     rows, columns = np.indices(camera.size[::-1])
-    ray = np.linalg.norm(camera.unproject(np.column_stack([columns.ravel(), rows.ravel()])), axis=1).reshape(rows.shape)
+    rays = camera.unproject(np.column_stack([columns.ravel(), rows.ravel()]))
+    ray = np.linalg.norm(rays, axis=1).reshape(rows.shape)
 
-    def stored(change: Change) -> Callable[[AnyArray, AnyArray], tuple[AnyArray, AnyArray]]:
+    def depth(change: Callable[[AnyArray], AnyArray]) -> Images:
         def images(image: AnyArray, values: AnyArray) -> tuple[AnyArray, AnyArray]:
             changed = change(values)
             return image, np.where(changed < 65535, changed, 0).round().astype(np.uint16)
 
         return images
 
-    def both(turns: int) -> Callable[[AnyArray, AnyArray], tuple[AnyArray, AnyArray]]:
-        return lambda image, values: (np.rot90(image, turns), np.rot90(values, turns))
+    def in_units(per_metre: float) -> Images:
+        return depth(lambda values: values * (per_metre / units))
 
     def inverse(values: AnyArray) -> AnyArray:
         return np.where(values > 0, 2500.0 * units / np.maximum(values, 1), 0)  # disparity in sixty-fourths of a pixel
 
-    against = ("mirrored", "flipped top to bottom", "turned by 180 degrees")
-    found = [Fault("")]
-    found += [
-        Fault(f"depth counts {n:g} values per metre", stored(partial(np.multiply, n / units)))
-        for n in DEPTH_UNITS
-        if n != units
-    ]
-    found += [
-        Fault("depth has its two bytes exchanged", stored(lambda z: z.byteswap())),
-        Fault("depth is measured along the ray", stored(lambda z: z * ray)),
-        Fault("depth was taken from the ray to the axis twice", stored(lambda z: z / ray)),
+    faults = [
+        Fault("depth is measured along the ray", depth(lambda values: values * ray)),
+        Fault("depth is inverse depth or disparity", depth(inverse)),
+        Fault("depth is mirrored against its image", depth(np.fliplr)),
+        Fault("depth is turned by 180 degrees against its image", depth(upside_down)),
         Fault(
-            "depth is inverse depth or disparity",
-            stored(lambda z: np.where(z > 0, 2500.0 * units / np.maximum(z, 1), 0)),
+            "depth is not registered to its image but offset from it",
+            depth(lambda values: np.roll(values, -round(0.04 * values.shape[1]), axis=1)),
         ),
-        *(Fault(f"depth is {how} against its image", stored(DONE[how])) for how in against),
-        Fault(OFFSET_DEPTH.name, stored(lambda z: np.roll(z, -round(0.04 * z.shape[1]), axis=1))),
-        Fault("the camera hangs upside down", both(2)),
-        *(Fault(LATE["depth"].name, late=n) for n in (1, 2)),
+        Fault("the camera hangs upside down", lambda image, values: (upside_down(image), upside_down(values))),
+        Fault("depth and its image are not of one time", late=1),
+        Fault("depth and its image are not of one time", late=2),
     ]
-    return found
+    for per_metre in (10_000, 5000, 1000, 256, 100):
+        if per_metre != units:
+            faults.append(Fault(f"depth counts {per_metre} values per metre", in_units(per_metre)))
+    return [Fault(""), *faults]
 
 
 def stored(recording: Recording[Any]) -> Read:
@@ -213,21 +207,21 @@ def named(recording: Recording[Any], consecutive: bool) -> str:
     """What the doctor names in a recording; empty where nothing."""
     spread, first = recording.sample(8), max(0, (recording.n_frames - FRAMES) // 2)
     if isinstance(recording.head, Pair):
-        found = explain_colours(spread) or explain_fields(spread) or explain(recording)
+        finding = diagnose_colours(spread) or diagnose_fields(spread) or diagnose(recording)
     else:
-        place = place_of_depth(spread).found
+        place = place_of_depth(spread).finding
         offset = place if place and place.hypothesis.remedy == REGISTER else None  # a warning: where there is a floor
-        found = (None if offset else place) or explain(recording) or offset
-    if found or not consecutive:
-        return found.names if found else ""
+        finding = (None if offset else place) or diagnose(recording) or offset
+    if finding or not consecutive:
+        return finding.names if finding else ""
     run = recording.at(list(range(first, min(first + FRAMES, recording.n_frames))))
     if isinstance(recording.head, Pair):
         watch, rectifier = MotionWatch(), Rectifier(recording.head.rig)
         for pair in (rectifier(*frame.images) for frame in run):
             watch.update(thumbnails(pair.left_grey, pair.right_grey))
         late = any(check.name == "synchronisation" and not check.ok for check in watch.checks())
-        return LATE["right camera"].name if late else ""
-    return LATE["depth"].name if delay_of(run).apart else ""
+        return NOT_SYNCHRONOUS if late else ""
+    return "depth and its image are not of one time" if delay_of(run).apart else ""
 
 
 @Parameter(name="*")
@@ -255,7 +249,7 @@ def doctor(*, options: DoctorOptions | None = None) -> None:
         read, head, tally = stored(recording), recording.head, {"right": 0, "wrong": 0, "nothing": 0}
         faults = pair_faults(head.rig) if isinstance(head, Pair) else depth_faults(head)
         is_grey = isinstance(head, Pair) and all(image.ndim == 2 for image in recording.sample(1)[0].images)
-        faults = [fault for fault in faults if not (is_grey and fault.name == COLOURS.name)]
+        faults = [fault for fault in faults if not (is_grey and fault.name == OTHER_COLOURS)]
         for fault in (fault for fault in faults if o.fault in fault.name):
             progress(f"{path}: {fault.name or 'as recorded'}")
             start = time.process_time()

@@ -113,3 +113,12 @@ def best(
         if value > highest - math.log(alike) and other.names != first.names:
             return replace(first, other=other)
     return first
+
+
+def shortlist(
+    data: Data, hypotheses: Iterable[Hypothesis[Data]], score: Callable[[Data], Score], factor: float
+) -> list[Hypothesis[Data]]:
+    """The hypotheses under which data fits as well as under the best, or as given, within a factor."""
+    scores = [(score(hypothesis.undo(data)).value, hypothesis) for hypothesis in hypotheses]
+    highest = max([score(data).value, *(value for value, _ in scores)])
+    return [hypothesis for value, hypothesis in scores if value > -math.inf and value >= highest - math.log(factor)]

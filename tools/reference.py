@@ -17,8 +17,11 @@ import planview  # noqa: E402
 from calib.params import Params, described, tables_of  # noqa: E402
 from planview.api.tools import inside  # noqa: E402
 from planview.engine.config import Config  # noqa: E402
+from stereo.doctor.hypotheses import BY_KIND  # noqa: E402
 
 GENERATED = "<!-- written by tools/reference.py from the code (make docs) -->\n"
+CAUSES = "<!-- causes: written by tools/reference.py from the code (make docs) -->\n"
+END_OF_CAUSES = "<!-- end of causes -->\n"
 SOURCE = re.compile(r" \((?:Harville|Zhang|OpenCV|Hirschm|section|the paper|our choice|as alpha)[^()]*\)?")
 """Where a default is from, which ``planview params NAME`` prints."""
 GROUPS = {
@@ -88,7 +91,12 @@ except planview.InputError as error:  # bad input or wrong usage, in a sentence;
 
 def main() -> int:
     """Write or check all pages; the number of pages that are not current."""
-    pages = {"parameters.md": run_page(), "api.md": api_page(), "reference.md": reference_page()}
+    pages = {
+        "parameters.md": run_page(),
+        "api.md": api_page(),
+        "reference.md": reference_page(),
+        "troubleshooting.md": with_causes(_current("troubleshooting.md")),
+    }
     stale = [name for name, text in pages.items() if _current(name) != text]
     if "--check" not in sys.argv:
         for name in stale:
@@ -102,6 +110,18 @@ def main() -> int:
 def _current(name: str) -> str:
     path = ROOT / "docs" / name
     return path.read_text(encoding="utf-8") if path.is_file() else ""
+
+
+def with_causes(page: str) -> str:
+    """The page on troubleshooting with every cause that the doctor of recordings tries."""
+    before, _, rest = page.partition(CAUSES)
+    _, _, after = rest.partition(END_OF_CAUSES)
+    rows = []
+    for kind, hypotheses in BY_KIND.items():
+        names = "; ".join(f"`{hypothesis.name}`" for hypothesis in hypotheses)
+        rows.append(f"| {kind} | {names} |")
+    table = "\n".join(["", "| tried | if ... |", "|---|---|", *rows])
+    return f"{before}{CAUSES}{table}\n{END_OF_CAUSES}{after}"
 
 
 def run_page() -> str:

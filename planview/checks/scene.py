@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from calib.doubt import Finding
 from calib.floor.plane import MIN_INLIER_FRACTION
 from calib.images import as_grey
 from calib.pose import SE3
@@ -22,9 +23,10 @@ from planview.foreground.ghosts import find_blobs
 from planview.foreground.steadiness import Steadiness
 from planview.maps.grid import MapParams
 from stereo.depth import RectifiedGeometry, back_project, median_image
-from stereo.doctor.explain import SHIFT_PX_MAX, Explained, explain, explain_colours, explain_fields, place_of_depth
+from stereo.doctor.diagnose import diagnose, diagnose_colours, diagnose_fields, place_of_depth
 from stereo.doctor.hypotheses import REGISTER, UNEXPLAINED
-from stereo.doctor.tries import CHANGE_LEVEL, small_depths, small_images
+from stereo.doctor.overlay import SHIFT_PX_MAX, small_depths, small_images
+from stereo.doctor.pairs import CHANGE_LEVEL
 from stereo.floor import DepthFrames, FloorSearch, PairFrames
 from stereo.matcher import SATURATED_LEVEL
 from stereo.recording import DepthCamera, Frame, Pair, Recording, Shot
@@ -79,20 +81,20 @@ def image_checks(frames: Sequence[Frame[Shot]]) -> list[Check]:
         # Grey steps at the borders of blocks over those inside, which match at the same place in both cameras and
         # pull disparities there. Images as recorded have 0.7 to 1.3, JPEG of quality 10 has 5 and loses the floor.
         limited("compression", blocks, "", steps, most=2.0),
-        explained_check("colours", explain_colours(frames), "rows of both cameras have the same colours", warns=True),
+        explained_check("colours", diagnose_colours(frames), "rows of both cameras have the same colours", warns=True),
         *fields_checks(frames),
     ]
 
 
-def explained_check(name: str, found: Explained | None, note: str, *, warns: bool = False) -> Check:
+def explained_check(name: str, finding: Finding | None, note: str, *, warns: bool = False) -> Check:
     """Fails where something is explained by what should not be so."""
-    return Check(name, found is None, math.nan, note=str(found or note), warns=warns)
+    return Check(name, finding is None, math.nan, note=str(finding or note), warns=warns)
 
 
 def fields_checks(frames: Sequence[Frame[Shot]]) -> list[Check]:
     """A warning where the images of one camera, or of the left one of a pair, are woven of two fields."""
-    found = explain_fields(frames)
-    return [explained_check("fields", found, "", warns=True)] if found else []
+    finding = diagnose_fields(frames)
+    return [explained_check("fields", finding, "", warns=True)] if finding else []
 
 
 def light_checks(*cameras: Sequence[U8]) -> list[Check]:
@@ -354,18 +356,17 @@ def explanation_checks(
     failed = any(not check.ok and check.name in DOUBTED for check in checks)
     if not (failed or small):
         return []
-    found = explain(recording, search)
-    return [explained_check("explanation", found, UNEXPLAINED, warns=True)] if failed or found else []
+    finding = diagnose(recording, search)
+    return [explained_check("explanation", finding, UNEXPLAINED, warns=True)] if failed or finding else []
 
 
 def registration_checks(spread: Sequence[Frame[Shot]], run: Sequence[Frame[Shot]]) -> list[Check]:
     """Whether depth lies on its image, of frames spread over a recording, and is of its time, of consecutive ones."""
-    (across, down), found = place_of_depth(spread)
+    (across, down), finding = place_of_depth(spread)
     known = f"edges and people fit best {across:+.0f} px to the right, {down:+.0f} down, of 640"
-    note = known if math.isfinite(across) else "too few edges to compare"
-    name = "depth on its image"
-    if found:  # depth of another place is worse, of another view useless
-        place = explained_check(name, found, note, warns=found.hypothesis.remedy == REGISTER)
+    note, name = known if math.isfinite(across) else "too few edges to compare", "depth on its image"
+    if finding:  # depth of another place is worse, of another view useless
+        place = explained_check(name, finding, note, warns=finding.hypothesis.remedy == REGISTER)
     else:
         place = limited(name, max(abs(across), abs(down)), "px", note, most=SHIFT_PX_MAX, warns=True)
     lag = delay_of(run) if place.ok or place.warns else Lag()

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from calib.carried import Carried
+from calib.doubt import Finding, Score, best
 from calib.times import rate_of_times
 from calib.types import F64
 from planview.checks.check import Check, limited
-from stereo.doctor.explain import Explained
 from stereo.doctor.hypotheses import LATE
 from stereo.recording import Recording
 
@@ -46,15 +46,21 @@ class Lag(NamedTuple):
     @property
     def apart(self) -> bool:
         """Whether the cameras are surely apart: it explains their movement better than no lag does."""
-        return self.gain >= SURELY and abs(self.frames) > MAX_LAG
+        return best(self, LATE.values(), lag_score, margin=math.exp(0.5 * SURELY**2)) is not None
 
     def check(self, name: str, what: str, against: str = "", *, apart: bool) -> Check:
         """The lag of ``what`` as a check."""
         which = "ahead" if self.frames < 0 else "late"
         known = f"{what} {which}{against}" if math.isfinite(self.frames) else f"offset of the {what}"
         note = f"{known}, by movement"
-        note = str(Explained(LATE[what], note)) if apart else note
+        note = str(Finding(LATE[what], note)) if apart else note
         return Check(name, not apart, abs(self.frames), "frames", MAX_LAG, "at most", note, std=self.std)
+
+
+def lag_score(lag: Lag) -> Score:
+    """Likelihood of the movement if there is no lag, for what speaks for one."""
+    is_doubted = abs(lag.frames) > MAX_LAG and lag.gain > 0
+    return Score(-0.5 * lag.gain**2 if is_doubted else 0.0)
 
 
 def lag_of(left: F64, right: F64) -> Lag:
@@ -79,15 +85,15 @@ def lag_of(left: F64, right: F64) -> Lag:
     whole = sums.sum(axis=0)
     power = sums[:, LONGEST_LAG, 1:].sum(axis=1)
     likeness = _likeness(whole)
-    best = int(np.argmax(likeness))
-    if likeness[best] < MIN_LIKENESS:
+    likest = int(np.argmax(likeness))
+    if likeness[likest] < MIN_LIKENESS:
         return Lag()
     if power.max() > 0.8 * power.sum():
-        return Lag(_between(likeness, best))
+        return Lag(_between(likeness, likest))
     without = [_likeness(whole - part) for part in sums]
-    gains = [float(one[best] - one[LONGEST_LAG]) for one in without]
-    gain = float(likeness[best] - likeness[LONGEST_LAG]) / max(jackknife(gains), 1e-6)
-    return Lag(_between(likeness, best), jackknife([_between(one, int(np.argmax(one))) for one in without]), gain)
+    gains = [float(one[likest] - one[LONGEST_LAG]) for one in without]
+    gain = float(likeness[likest] - likeness[LONGEST_LAG]) / max(jackknife(gains), 1e-6)
+    return Lag(_between(likeness, likest), jackknife([_between(one, int(np.argmax(one))) for one in without]), gain)
 
 
 def jackknife(without: Sequence[float]) -> float:

@@ -28,7 +28,7 @@ from planview.checks.scene import (
 from planview.engine.config import Config
 from planview.maps.grid import FloorRig, Grid, floor_in_view
 from stereo.depth import RectifiedGeometry
-from stereo.doctor.explain import explain
+from stereo.doctor.diagnose import diagnose
 from stereo.doctor.hypotheses import UNEXPLAINED
 from stereo.floor import DepthFrames, FloorSearch, PairFrames, spread_frames
 from stereo.matcher import Matcher, disparity_range
@@ -100,7 +100,7 @@ def _explained(
     """A floor that is not found, behind what is wrong with the images and what would explain it."""
     reasons = [check.sentence for check in checks if check.failed]
     if not reasons:
-        reasons.append(str(explain(recording, search) or UNEXPLAINED))
+        reasons.append(str(diagnose(recording, search) or UNEXPLAINED))
     return WorkError(f"{recording.path}: {'; '.join([*reasons, str(error)])}", in_pictures=True)
 
 

@@ -3,86 +3,46 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from dataclasses import replace
+from typing import Any
 
 import cv2
 import numpy as np
 
 from calib.camera import Camera
+from calib.doubt import Hypothesis
 from calib.pose import SE3
 from calib.rig import StereoRig
-from calib.types import F32, U8, AnyArray
-from stereo.depth import DEPTH_UNITS, metres
+from calib.types import F32, AnyArray
+from stereo.depth import DEPTH_MAX_M, DEPTH_UNITS
+from stereo.doctor.overlay import Overlay
+from stereo.doctor.pairs import Colours, Pairs
+from stereo.doctor.scenes import Scene, StoredDepth
 from stereo.rectify import rectified_rig
 
-
-class StoredDepth(NamedTuple):
-    """How depth is stored: values per metre, (H, W) length of each pixel's ray at unit depth, and the usual value."""
-
-    units_per_m: float
-    ray: F32
-    usual: float
-
-
-def _as_it_is(image: AnyArray) -> AnyArray:
-    return image
+AS_TAKEN = "record or convert the images as the cameras took them"
+SCALED = "give the calibration of these images"
+REGISTER = "give the calibration of the depth camera and its pose, or record registered depth"
+UPRIGHT = "turn the images, and calibrate the turned ones"
+TIMES = "give each camera the times of its images; where one counts from 0 and the other from 1, renumber it"
+PLANE_ODDS = 100.0
+"""Odds against what a plane alone says, which may be a ceiling or a wall: people who stand on it decide."""
+CURVED_ODDS = 2.0
+"""Odds against rows that bend: what bends may also be moved."""
 
 
-@dataclass(frozen=True)
-class Hypothesis:
-    """One way in which a recording may not be what it seems.
-
-    Attributes:
-        name: what is so, a clause.
-        remedy: what to do then, a clause.
-        exchanged: whether left and right are to be exchanged.
-        left, right: make the image of a side, once they are exchanged, what it should be.
-        rig: makes the calibration of a pair what it should be.
-        rows: what row offsets may be where the calibration is that of rectified images: "shifted" alike, or "curved",
-            as lenses and turned cameras make them.
-        depth: makes (H, W) metres along the axis of (H, W) stored values.
-        placed: lays depth, or a map of it, onto the image.
-        baseline: factor to the baseline.
-        turns: quarter turns of the view, counterclockwise, after which the camera stands upright.
-    """
-
-    name: str
-    remedy: str
-    exchanged: bool = False
-    left: Callable[[U8], U8] = _as_it_is
-    right: Callable[[U8], U8] = _as_it_is
-    rig: Callable[[StereoRig], StereoRig] | None = None
-    rows: Literal["aligned", "shifted", "curved"] = "aligned"
-    depth: Callable[[AnyArray, StoredDepth], F32] | None = None
-    placed: Callable[[F32], F32] = _as_it_is
-    baseline: float = 1.0
-    turns: int = 0
-
-    def images(self, left: U8, right: U8) -> tuple[U8, U8]:
-        """A recorded pair as it should be."""
-        first, second = (right, left) if self.exchanged else (left, right)
-        return np.ascontiguousarray(self.left(first)), np.ascontiguousarray(self.right(second))
+def _images(undo: Callable[[AnyArray, AnyArray], tuple[AnyArray, AnyArray]]) -> Callable[[Pairs], Pairs]:
+    """Makes each pair of images what it should be."""
+    return lambda pairs: replace(pairs, shots=[undo(*shot) for shot in pairs.shots])
 
 
-def _woven(image: U8) -> U8:
-    """The rows of the upper and the lower half in turn."""
-    half = len(image) // 2
-    return np.stack([image[:half], image[half : 2 * half]], axis=1).reshape(2 * half, *image.shape[1:])
+def _upturned(image: AnyArray) -> AnyArray:
+    return image[::-1, ::-1]
 
 
-def _twice_as_large(image: U8) -> U8:
-    return np.asarray(cv2.resize(image, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
-
-
-def _of_images(scale: float) -> Callable[[StereoRig], StereoRig]:
-    """The calibration of images ``scale`` times as large, fitted to these."""
-
-    def fitted(own: Camera) -> Camera:
-        cx, cy = ((centre + 0.5) / scale - 0.5 for centre in (own.cx, own.cy))
-        return replace(own, fx=own.fx / scale, fy=own.fy / scale, cx=cx, cy=cy)
-
-    return lambda rig: replace(rig, left=fitted(rig.left), right=fitted(rig.right))
+def _rig(undo: Callable[[StereoRig], StereoRig]) -> Callable[[Pairs], Pairs]:
+    """Makes the calibration what it should be."""
+    return lambda pairs: replace(pairs, rig=undo(pairs.rig))
 
 
 def _inverted(rig: StereoRig) -> StereoRig:
@@ -91,126 +51,188 @@ def _inverted(rig: StereoRig) -> StereoRig:
     return replace(rig, right_SE3_left=SE3(pose.rotation, -pose.translation))
 
 
-def _of_other_cameras(rig: StereoRig) -> StereoRig:
-    """The lens of each camera for the other one."""
-    return replace(rig, left=rig.right, right=rig.left)
+def _of_images(scale: float) -> Callable[[StereoRig], StereoRig]:
+    """The calibration of images ``scale`` times as large, fitted to these."""
+
+    def fitted(camera: Camera) -> Camera:
+        cx = (camera.cx + 0.5) / scale - 0.5
+        cy = (camera.cy + 0.5) / scale - 0.5
+        return replace(camera, fx=camera.fx / scale, fy=camera.fy / scale, cx=cx, cy=cy)
+
+    return lambda rig: replace(rig, left=fitted(rig.left), right=fitted(rig.right))
 
 
-def _in_units(per_m: float) -> Callable[[AnyArray, StoredDepth], F32]:
-    return lambda values, stored: metres(values, per_m)
+RAW_PAIRS = (
+    Hypothesis[Pairs](
+        "the images of one camera are shifted up or down",
+        "cut the images of both alike",
+        lambda pairs: replace(pairs, rows="shifted"),
+    ),
+    Hypothesis[Pairs](
+        "the images are not rectified yet",
+        "give the calibration of the images as they are",
+        lambda pairs: replace(pairs, rows="curved"),
+        CURVED_ODDS,
+    ),
+)
+"""Of images that do not lie on their rows under a calibration of rectified ones."""
+PAIRS = (
+    Hypothesis("left and right are exchanged", "exchange them", _images(lambda left, right: (right, left))),
+    Hypothesis("the right images are upside down", AS_TAKEN, _images(lambda left, right: (left, _upturned(right)))),
+    Hypothesis("the left images are upside down", AS_TAKEN, _images(lambda left, right: (_upturned(left), right))),
+    Hypothesis(
+        "the images of both cameras are upside down",
+        AS_TAKEN,
+        _images(lambda left, right: (_upturned(left), _upturned(right))),
+    ),
+    Hypothesis(
+        "the images of both cameras are mirrored",
+        AS_TAKEN,
+        _images(lambda left, right: (left[:, ::-1], right[:, ::-1])),
+    ),
+    Hypothesis("the images are rectified already", "give the calibration of the rectified images", _rig(rectified_rig)),
+    Hypothesis(
+        "the lenses of left and right are exchanged",
+        "exchange them in the calibration",
+        _rig(lambda rig: replace(rig, left=rig.right, right=rig.left)),
+    ),
+    Hypothesis("the pose of the right camera is inverted", "store right_SE3_left, not left_SE3_right", _rig(_inverted)),
+    Hypothesis("the calibration is that of images twice the size", SCALED, _rig(_of_images(2.0))),
+    Hypothesis("the calibration is that of images 1.5 times the size", SCALED, _rig(_of_images(1.5))),
+    Hypothesis("the calibration is that of images two thirds of the size", SCALED, _rig(_of_images(2 / 3))),
+    Hypothesis("the calibration is that of images half the size", SCALED, _rig(_of_images(0.5))),
+)
+"""Of the images and the calibration of a pair: rows show them."""
+COLOURS = Hypothesis[Colours](
+    "red and blue are exchanged in the images of one camera",
+    "exchange its channels",
+    lambda colours: colours._replace(right=colours.right[..., ::-1]),
+)
+"""Of colours, which both cameras see alike."""
+FIELDS = Hypothesis[list[F32]](
+    "each image is woven of two fields of different times",
+    "deinterlace it (ffmpeg -vf yadif)",
+    lambda images: [image[::2] for image in images],
+)
+"""Of what moves, which has combed edges."""
 
 
-def _swapped(values: AnyArray, stored: StoredDepth) -> F32:
-    return metres(values.byteswap(), stored.units_per_m)
+def _baseline(name: str, metres: float) -> Hypothesis[Scene]:
+    return Hypothesis(f"the baseline is in {name}", "give it in metres", lambda scene: scene.scaled(metres))
+
+
+def _turned(how: str, quarters: int) -> Hypothesis[Scene]:
+    return Hypothesis(f"the camera {how}", UPRIGHT, lambda scene: scene.turned(quarters), PLANE_ODDS)
+
+
+BASELINES = (
+    _baseline("millimetres", 0.001),
+    _baseline("centimetres", 0.01),
+    _baseline("inches, or in squares of about 25 mm", 0.0254),
+)
+MOUNTS = (
+    _turned("hangs upside down", 2),
+    _turned("lies on its left side", 3),
+    _turned("lies on its right side", 1),
+)
+"""Of what is measured rightly and taken wrongly: the floor shows it."""
+
+
+def _metres(depth: AnyArray) -> F32:
+    """Depth within the range of sensors; NaN elsewhere."""
+    depth = depth.astype(np.float32)
+    with np.errstate(invalid="ignore"):
+        return np.where((depth > 0) & (depth < DEPTH_MAX_M), depth, np.float32(np.nan))
+
+
+def _units(per_metre: float) -> Hypothesis[Scene]:
+    def in_metres(values: AnyArray, stored: StoredDepth) -> F32:
+        return _metres(values / per_metre)
+
+    return Hypothesis(
+        f"depth counts {per_metre:g} values per metre", "state its scale", lambda scene: scene.read(in_metres)
+    )
 
 
 def _along_ray(values: AnyArray, stored: StoredDepth) -> F32:
-    return metres(values, stored.units_per_m) / stored.ray
-
-
-def _divided_twice(values: AnyArray, stored: StoredDepth) -> F32:
-    return metres(values, stored.units_per_m) * stored.ray
+    return _metres(values / stored.units_per_m / stored.ray)
 
 
 def _inverse(values: AnyArray, stored: StoredDepth) -> F32:
     """Depth of values that grow towards the camera, the usual one at 3 m: their unit is not known."""
-    depth = np.where(values > 0, 3.0 * stored.usual / np.maximum(values, 1e-6), 0.0)
-    return metres(depth.astype(np.float32).clip(0, 1e3), 1.0)
+    return _metres(np.where(values > 0, 3.0 * stored.usual / np.maximum(values, 1e-6), 0.0))
+
+
+UNITS = tuple(_units(per_metre) for per_metre in DEPTH_UNITS)
+DEPTHS = (
+    *UNITS,
+    Hypothesis[Scene](
+        "depth is measured along the ray",
+        "divide it by the ray's length at unit depth",
+        lambda scene: scene.read(_along_ray),
+    ),
+    Hypothesis[Scene](
+        "depth is inverse depth or disparity",
+        "store focal length x baseline / disparity",
+        lambda scene: scene.read(_inverse),
+        PLANE_ODDS,
+    ),
+)
+"""Of stored depth: the floor shows them."""
 
 
 def _in_size(scale: float) -> Callable[[F32], F32]:
     """A map at another size, around its middle."""
 
-    def placed(depth: F32) -> F32:
+    def lay(depth: F32) -> F32:
         height, width = depth.shape
         to = np.array([[scale, 0.0, (1 - scale) * width / 2], [0.0, scale, (1 - scale) * height / 2]])
         return np.asarray(cv2.warpAffine(depth, to, (width, height), flags=cv2.INTER_LINEAR), dtype=np.float32)
 
-    return placed
+    return lay
 
 
-AS_RECORDED = Hypothesis("", "")
-TURNED: dict[str, Callable[[AnyArray], AnyArray]] = {
-    "mirrored": lambda image: image[:, ::-1],
-    "turned by 180 degrees": lambda image: image[::-1, ::-1],
-    "flipped top to bottom": lambda image: image[::-1],
-    "turned by 90 degrees to the left": lambda image: np.rot90(image, -1),
-    "turned by 90 degrees to the right": np.rot90,
-    "interlaced, one field above the other": _woven,
-    "of half the size": _twice_as_large,
-}
-"""What may have been done to images, and what undoes it."""
-WHICH = (
-    ("the right images are", False, False, True),
-    ("the left images are", False, True, False),
-    ("the images of both cameras are", False, True, True),
-    ("the images of both cameras are exchanged and", True, True, True),
-)
-"""To which images, whether they are exchanged, and whether it is undone in the left and the right one."""
-LENGTHS = {
-    "millimetres": 1e-3, "centimetres": 1e-2, "inches, or in squares of about 25 mm": 0.0254, "decimetres": 0.1,
-    "feet": 0.3048, "tens of metres": 10.0, "kilometres": 1e3,
-}  # fmt: skip
-"""Units of a baseline [m]."""
-BACK = "record or convert the images as the cameras took them"
-SCALED = "give the calibration of these images"
-REGISTER = "give the calibration of the depth camera and its pose, or record registered depth"
-UPRIGHT = "turn the images, and calibrate the turned ones"
-TIMES = "give each camera the times of its images; where one counts from 0 and the other from 1, renumber it"
-PAIRS = (
-    Hypothesis("left and right are exchanged", "exchange them", exchanged=True),
-    *(
-        Hypothesis(f"{which} {what}", BACK, exchanged, undo if left else _as_it_is, undo if right else _as_it_is)
-        for what, undo in TURNED.items()
-        for which, exchanged, left, right in WHICH
-    ),
-    Hypothesis("the images of one camera are negative", BACK, right=lambda image: 255 - image),
-    Hypothesis("the images are rectified already", "give the calibration of the rectified images", rig=rectified_rig),
-    Hypothesis("the images of one camera are shifted up or down", "cut the images of both alike", rows="shifted"),
-    Hypothesis("the images are not rectified yet", "give the calibration of the images as they are", rows="curved"),
-    Hypothesis("the lenses of left and right are exchanged", "exchange them in the calibration", rig=_of_other_cameras),
-    Hypothesis("the pose of the right camera is inverted", "store right_SE3_left, not left_SE3_right", rig=_inverted),
-    *(
-        Hypothesis(f"the calibration is that of images {what} the size", SCALED, rig=_of_images(scale))
-        for what, scale in (("twice", 2.0), ("1.5 times", 1.5), ("two thirds of", 2 / 3), ("half", 0.5))
-    ),
-)
-"""Of the images and the calibration of a pair: rows show them."""
-COLOURS = Hypothesis("red and blue are exchanged in the images of one camera", "exchange its channels")
-"""Of colours, which both cameras see alike."""
-FIELDS = Hypothesis("each image is woven of two fields of different times", "deinterlace it (ffmpeg -vf yadif)")
-"""Of what moves, which has combed edges."""
-VIEWS = (
-    *(Hypothesis(f"the baseline is in {unit}", "give it in metres", baseline=m) for unit, m in LENGTHS.items()),
-    Hypothesis("the camera hangs upside down", UPRIGHT, turns=2),
-    Hypothesis("the camera lies on its left side", UPRIGHT, turns=3),
-    Hypothesis("the camera lies on its right side", UPRIGHT, turns=1),
-)
-"""Of what is measured rightly and taken wrongly: the floor shows them."""
-DEPTHS = (
-    *(Hypothesis(f"depth counts {n:g} values per metre", "state its scale", depth=_in_units(n)) for n in DEPTH_UNITS),
-    Hypothesis("depth has its two bytes exchanged", "exchange the bytes of each value", depth=_swapped),
-    Hypothesis("depth is measured along the ray", "divide it by the ray's length at unit depth", depth=_along_ray),
-    Hypothesis("depth was taken from the ray to the axis twice", "leave it as it was measured", depth=_divided_twice),
-    Hypothesis("depth is inverse depth or disparity", "store focal length x baseline / disparity", depth=_inverse),
-)
-"""Of stored depth: the floor shows them."""
+def _unregistered(size: float) -> Hypothesis[Overlay]:
+    name = f"depth is not registered to its image, {size:g} of its size"
+    return Hypothesis(name, REGISTER, lambda overlay: overlay.laid(_in_size(size)))
+
+
 PLACES = (
-    Hypothesis("depth is mirrored against its image", BACK, placed=lambda depth: depth[:, ::-1]),
-    Hypothesis("depth is flipped top to bottom against its image", BACK, placed=lambda depth: depth[::-1]),
-    Hypothesis("depth is turned by 180 degrees against its image", BACK, placed=lambda depth: depth[::-1, ::-1]),
-    *(
-        Hypothesis(f"depth is not registered to its image, {size:g} of its size", REGISTER, placed=_in_size(size))
-        for size in (0.72, 0.84, 0.92, 1.09, 1.19, 1.39)
+    Hypothesis[Overlay](
+        "depth is mirrored against its image", AS_TAKEN, lambda overlay: overlay.laid(lambda depth: depth[:, ::-1])
     ),
+    Hypothesis[Overlay](
+        "depth is turned by 180 degrees against its image",
+        AS_TAKEN,
+        lambda overlay: overlay.laid(lambda depth: depth[::-1, ::-1]),
+    ),
+    *(_unregistered(size) for size in (0.72, 0.84, 0.92, 1.09, 1.19, 1.39)),
 )
 """Of depth on its image, whose edges it has. Unregistered depth has the size of another lens: 0.92 of Kinects, 0.72 of
-RealSense."""
-OFFSET_DEPTH = Hypothesis("depth is not registered to its image but offset from it", REGISTER)
+RealSense, and the inverse where the image is not registered to the depth."""
+OFFSET_DEPTH = Hypothesis[Overlay](
+    "depth is not registered to its image but offset from it", REGISTER, lambda overlay: overlay.at_best_shift
+)
+
+
+def _late(name: str) -> Hypothesis[Any]:
+    """Of lags with ``frames`` and ``gain``, which is how much likelier they are than none."""
+    return Hypothesis(name, TIMES, lambda lag: lag._replace(frames=0.0, gain=0.0))
+
+
 LATE = {
-    "right camera": Hypothesis("the cameras are not synchronous, or one of them is numbered one higher", TIMES),
-    "depth": Hypothesis("depth and its image are not of one time", TIMES),
+    "right camera": _late("the cameras are not synchronous, or one of them is numbered one higher"),
+    "depth": _late("depth and its image are not of one time"),
 }
 """Of time: what moves, moves in both at once."""
-HYPOTHESES = (*PAIRS, COLOURS, FIELDS, *VIEWS, *DEPTHS, *PLACES, OFFSET_DEPTH, *LATE.values())
+BY_KIND: dict[str, tuple[Hypothesis[Any], ...]] = {
+    "images and calibration of a pair": (*PAIRS, *RAW_PAIRS, COLOURS, FIELDS),
+    "baseline": BASELINES,
+    "mount": MOUNTS,
+    "depth": DEPTHS,
+    "depth on its image": (*PLACES, OFFSET_DEPTH),
+    "time": tuple(LATE.values()),
+}
+"""All of them, by what they are about."""
+HYPOTHESES = tuple(hypothesis for kind in BY_KIND.values() for hypothesis in kind)
 UNEXPLAINED = f"none of {len(HYPOTHESES)} causes that were tried explains it"

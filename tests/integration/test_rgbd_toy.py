@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from cli import Cli, JsonOf
+from stereo.doctor.explain import explain
 from toy_rgbd import EMPTY, HEIGHT_M, TILT_DEG, walker_m, write_toy_rgbd
 
 from calib.errors import InputError, WorkError
@@ -18,7 +19,6 @@ from planview.checks.examine import examine
 from planview.engine.config import Config
 from planview.engine.engine import Engine
 from planview.engine.open import open_engine
-from stereo.doctor.explain import explain
 from stereo.readers.open import open_any
 
 FEW = Config.model_validate({"analysis": {"setup_frames": 6}})

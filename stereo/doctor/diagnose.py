@@ -1,0 +1,179 @@
+"""Which hypothesis explains a recording that makes no sense, and what it gives: rows that agree, a floor with people of
+a person's height above it, depth whose edges are the image's. Nothing is decided here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from contextlib import closing
+from typing import NamedTuple, cast
+
+import numpy as np
+
+from calib.doubt import Finding, Hypothesis, Score, best, shortlist
+from calib.types import F32, U8, AnyArray
+from stereo.depth import metres
+from stereo.doctor.hypotheses import (
+    BASELINES,
+    COLOURS,
+    DEPTHS,
+    FIELDS,
+    MOUNTS,
+    OFFSET_DEPTH,
+    PAIRS,
+    PLACES,
+    RAW_PAIRS,
+)
+from stereo.doctor.overlay import EDGES_MIN, Overlay, offset_score, place_score
+from stereo.doctor.pairs import (
+    LEAST_ALIGNED,
+    ROWS_WEIGHT,
+    WIDTH,
+    Pairs,
+    colours_of,
+    colours_score,
+    fields_score,
+    rows_score,
+    thin_greys,
+)
+from stereo.doctor.scenes import PLAUSIBLE, Scene, StoredDepth, floor_score, floor_view
+from stereo.floor import FloorSearch
+from stereo.recording import DepthCamera, Frame, Pair, Recording, Shot
+from stereo.rectify import RectifyParams
+from stereo.rgbd import RgbdRectifier
+
+SPREAD_FRAMES = 6
+"""Frames looked at, spread over the recording."""
+FIRST_FRAMES = 2
+"""Frames of a first look, which ends most hypotheses."""
+ENDED = 2.0
+"""A hypothesis whose rows fit worse than the best one's by this factor in the first look is not looked at again."""
+ROWS_ALIKE = 1.2
+"""Hypotheses whose rows fit worse by less are told apart by their floor."""
+SURELY = 3.0
+"""Another state of a pair explains its rows and floor by this factor better than what was recorded does."""
+HIDDEN_FLOOR = -2.5
+"""Plausibility of a pair's view without a floor, where rows count for more than the floor does."""
+RAW_UNITS = 65536.0
+"""Values per metre by which whole numbers of 16 bits are read as metres without a loss."""
+
+
+def diagnose(recording: Recording[Pair | DepthCamera], search: FloorSearch | None = None) -> Finding | None:
+    """The hypothesis that explains a recording whose rows, floor or people are not what they should be; None where none
+    does."""
+    search = search or FloorSearch()
+    if isinstance(recording.head, Pair):
+        return diagnose_pair(cast(Recording[Pair], recording), search)
+    return diagnose_depth(cast(Recording[DepthCamera], recording), search)
+
+
+def diagnose_pair(recording: Recording[Pair], search: FloorSearch) -> Finding | None:
+    """The hypothesis under which the rows of pairs fit, or else their floor, and do not as recorded."""
+    shots = [(frame.images[0], frame.images[1]) for frame in recording.sample(SPREAD_FRAMES)]
+    pairs = Pairs(recording.head.rig, shots)
+    is_aligned = pairs.aligned >= LEAST_ALIGNED
+    tried = PAIRS if is_aligned else (*PAIRS, *RAW_PAIRS)
+    likely = shortlist(pairs.first(FIRST_FRAMES), tried, rows_score, ENDED**ROWS_WEIGHT)
+    likely = shortlist(pairs, likely, rows_score, ROWS_ALIKE**ROWS_WEIGHT)
+
+    def score(changed: Pairs) -> Score:
+        rows = rows_score(changed)
+        if rows.value == -math.inf:
+            return rows
+        view = floor_view(changed.scene, search)
+        floor = view.plausible if view.floor else HIDDEN_FLOOR
+        return Score(rows.value + floor, f"{rows.measured} and {view}")
+
+    finding = best(pairs, likely, score, margin=SURELY)
+    if finding or not is_aligned:
+        return finding
+    return _by_floor(pairs.scene, (*BASELINES, *MOUNTS), search)
+
+
+def diagnose_depth(recording: Recording[DepthCamera], search: FloorSearch) -> Finding | None:
+    """The hypothesis under which depth shows a floor, or a better one than as recorded."""
+    return _by_floor(stored_scene(recording), (*DEPTHS, *MOUNTS), search)
+
+
+def diagnose_colours(frames: Sequence[Frame[Shot]]) -> Finding | None:
+    """Whether one camera of a pair has red where the other has blue."""
+    colours = colours_of(frames)
+    return best(colours, [COLOURS], colours_score) if colours else None
+
+
+def diagnose_fields(frames: Sequence[Frame[Shot]]) -> Finding | None:
+    """Whether images are woven of two fields: where something moves, every second row shows it elsewhere."""
+    return best(thin_greys(frames), [FIELDS], fields_score) if frames else None
+
+
+def _by_floor(scene: Scene, hypotheses: Sequence[Hypothesis[Scene]], search: FloorSearch) -> Finding | None:
+    """The hypothesis whose floor is more plausible than that of the view as recorded."""
+    before = floor_view(scene, search)
+
+    def score(changed: Scene) -> Score:
+        return floor_score(before if changed is scene else floor_view(changed, search), before)
+
+    return best(scene, hypotheses, score, least=PLAUSIBLE)
+
+
+class PlaceOfDepth(NamedTuple):
+    """Where depth lies best on its image, across and down [px of 640], NaN where there are too few edges to tell; and
+    what explains that it is not where it should be."""
+
+    shift_px: tuple[float, float] = (math.nan, math.nan)
+    finding: Finding | None = None
+
+
+def place_of_depth(frames: Sequence[Frame[Shot]]) -> PlaceOfDepth:
+    """Of at least four frames spread over a recording, whose images have depth."""
+    if len(frames) < 4:
+        return PlaceOfDepth()
+    overlay = Overlay.of(frames)
+    finding = best(overlay, PLACES, place_score, alike=1.0, least=math.log(EDGES_MIN))
+    if finding is None and overlay.correlation.max() < EDGES_MIN:
+        return PlaceOfDepth()
+    across, down = overlay.best_shift
+    shift_px = across * 640.0 / WIDTH, down * 640.0 / WIDTH
+    return PlaceOfDepth(shift_px, finding or best(overlay, [OFFSET_DEPTH], offset_score))
+
+
+def stored_scene(recording: Recording[DepthCamera]) -> Scene:
+    """Depth of frames spread over a recording, as it is read and as it is stored."""
+    head = recording.head
+    camera = head.depth_camera or head.camera
+    rectifier = RgbdRectifier(head.camera, head.sensor, RectifyParams(working_px=WIDTH))
+    rows, columns = np.indices(camera.size[::-1])
+    rays = camera.unproject(np.column_stack([columns.ravel(), rows.ravel()]))
+    ray = np.linalg.norm(rays, axis=1).reshape(rows.shape).astype(np.float32)
+    images, values = _stored_frames(recording)
+
+    def rectified(image: U8, depth_m: F32) -> F32:
+        return rectifier(image, head.registration(depth_m))[1]
+
+    units_per_m = head.depth_units.units_per_m if head.depth_units else 1.0
+    stored = StoredDepth(images, values, units_per_m, ray, rectified)
+    return Scene((), rectifier.geometry, stored).read(lambda values, stored: metres(values, stored.units_per_m))
+
+
+def _stored_frames(recording: Recording[DepthCamera]) -> tuple[list[U8], list[AnyArray]]:
+    """Images and depth as stored, of frames spread over a recording: whole numbers, or metres where they are."""
+    units = recording.head.depth_units
+    count = min(SPREAD_FRAMES, recording.n_frames)
+    spread = np.unique(np.linspace(0, recording.n_frames - 1, count).round())
+    assumed = units.units_per_m if units else 1.0
+    images: list[U8] = []
+    depths: list[AnyArray] = []
+    try:
+        if units:
+            units.units_per_m = RAW_UNITS
+        with closing(recording.decode([int(index) for index in spread])) as decoded:
+            for image, depth in decoded:
+                if image.image is not None and depth.image is not None:
+                    images.append(image.image)
+                    depths.append(depth.image)
+    finally:
+        if units:
+            units.units_per_m = assumed
+    if not units or any(np.nanmax(depth, initial=0.0) >= 1.0 for depth in depths):
+        return images, depths
+    return images, [np.nan_to_num(depth * RAW_UNITS).round().astype(np.uint16) for depth in depths]
