@@ -362,15 +362,15 @@ def explanation_checks(
 
 def registration_checks(spread: Sequence[Frame[Shot]], run: Sequence[Frame[Shot]]) -> list[Check]:
     """Whether depth lies on its image, of frames spread over a recording, and is of its time, of consecutive ones."""
-    (across, down), finding = place_of_depth(spread)
-    known = f"edges and people fit best {across:+.0f} px to the right, {down:+.0f} down, of 640"
-    note, name = known if math.isfinite(across) else "too few edges to compare", "depth on its image"
-    if finding:  # depth of another place is worse, of another view useless
-        place = explained_check(name, finding, note, warns=finding.hypothesis.remedy == REGISTER)
+    place = place_of_depth(spread)
+    name = "depth on its image"
+    if place.finding:  # depth of another place is worse, of another view useless
+        check = explained_check(name, place.finding, "", warns=place.finding.hypothesis.remedy == REGISTER)
     else:
-        place = limited(name, max(abs(across), abs(down)), "px", note, most=SHIFT_PX_MAX, warns=True)
-    lag = delay_of(run) if place.ok or place.warns else Lag()
-    return [place, lag.check("depth delay", "depth", " of its image", apart=lag.apart)]
+        farthest_px = max(abs(shift_px) for shift_px in place.shift_px)
+        check = limited(name, farthest_px, "px", str(place), most=SHIFT_PX_MAX, warns=True)
+    lag = delay_of(run) if check.ok or check.warns else Lag()
+    return [check, lag.check("depth delay", "depth", " of its image", apart=lag.apart)]
 
 
 def run_checks(recording: Recording[Any]) -> list[Check]:

@@ -123,6 +123,12 @@ class PlaceOfDepth(NamedTuple):
     shift_px: tuple[float, float] = (math.nan, math.nan)
     finding: Finding | None = None
 
+    def __str__(self) -> str:
+        across_px, down_px = self.shift_px
+        if math.isnan(across_px):
+            return "too few edges to compare"
+        return f"edges and people fit best {across_px:+.0f} px to the right, {down_px:+.0f} down, of 640"
+
 
 def place_of_depth(frames: Sequence[Frame[Shot]]) -> PlaceOfDepth:
     """Of at least four frames spread over a recording, whose images have depth."""
@@ -133,8 +139,10 @@ def place_of_depth(frames: Sequence[Frame[Shot]]) -> PlaceOfDepth:
     if finding is None and overlay.correlation.max() < EDGES_MIN:
         return PlaceOfDepth()
     across, down = overlay.best_shift
-    shift_px = across * 640.0 / WIDTH, down * 640.0 / WIDTH
-    return PlaceOfDepth(shift_px, finding or best(overlay, [OFFSET_DEPTH], offset_score))
+    place = PlaceOfDepth((across * 640.0 / WIDTH, down * 640.0 / WIDTH), finding)
+    if finding is None and best(overlay, [OFFSET_DEPTH], offset_score):
+        return place._replace(finding=Finding(OFFSET_DEPTH, str(place)))
+    return place
 
 
 def stored_scene(recording: Recording[DepthCamera]) -> Scene:
