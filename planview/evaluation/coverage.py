@@ -81,8 +81,8 @@ def coverage(truth: Trajectories, tracks: Trajectories, on_floor: bool, frame_s:
 
 def _ends(truth: Trajectories, tracks: Trajectories) -> tuple[tuple[Bool, str], tuple[Bool, str]]:
     """Rows of the tracks before the first and after the last frame with truth, each with what they would show."""
-    first = int(truth.frame.min())
-    last = int(truth.frame.max())
+    first = truth.frame[0]
+    last = truth.frame[-1]
     return (
         (np.asarray(tracks.frame < first), f"it begins with frame {first}"),
         (np.asarray(tracks.frame > last), f"it ends with frame {last}"),
@@ -117,22 +117,18 @@ def _followed(truth: Trajectories, tracks: Trajectories, nearest: I64) -> _Follo
     index = np.unique(truth.track_id, return_inverse=True)[1]
     for _, rows in rows_by_id(tracks.track_id):
         near = rows[nearest[rows] >= 0]
-        if not len(near):
-            continue
-        frames = tracks.frame[near]
-        after = np.searchsorted(frames, tracks.frame[rows]).clip(max=len(near) - 1)
-        before = (after - 1).clip(min=0)
-        is_before = np.abs(frames[before] - tracks.frame[rows]) < np.abs(frames[after] - tracks.frame[rows])
-        closest = np.where(is_before, before, after)
-        person[rows] = index[nearest[near[closest]]]
+        if len(near):
+            closest = near[_closest(tracks.frame[near], tracks.frame[rows])]
+            person[rows] = index[nearest[closest]]
     # One number for each person and frame, so that people are as far from each other as the recording is long.
-    first = min(int(truth.frame.min()), int(tracks.frame.min()))
-    span = 2 * (max(int(truth.frame.max()), int(tracks.frame.max())) - first + 1)
-    known = np.sort(index * span + truth.frame - first)
-    asked = person * span + tracks.frame - first
-    at = np.searchsorted(known, asked)
-    gap = np.minimum(
-        np.abs(known[at.clip(max=len(known) - 1)] - asked),
-        np.abs(known[(at - 1).clip(min=0)] - asked),
-    )
+    first = min(truth.frame[0], tracks.frame[0])
+    span = 2 * (max(truth.frame[-1], tracks.frame[-1]) - first + 1)
+    known = np.sort(index * span + truth.frame)
+    asked = person * span + tracks.frame
+    gap = np.abs(known[_closest(known, asked)] - asked)
     return _Followed((nearest < 0) & (person >= 0) & (gap > 0), gap)
+
+
+def _closest(known: I64, asked: I64) -> I64:
+    """Indices of the known numbers, ascending, that are closest to those asked for."""
+    return np.searchsorted((known[:-1] + known[1:]) / 2, asked)

@@ -112,30 +112,40 @@ def build_sequence(truth: Trajectories, tracks: Trajectories, similarity: Simila
     people, truth_index = np.unique(truth.track_id, return_inverse=True)
     ids, track_index = np.unique(tracks.track_id, return_inverse=True)
     frames = np.union1d(truth.frame, tracks.frame)
-    parts = [(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0))]
-    for t, k in _pairs_in_frames(truth.frame, tracks.frame):
+    blocks = [(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0))]
+    for t, k in pairs_in_frames(truth.frame, tracks.frame):
         values = similarity(truth, t, tracks, k)
         near = values > 0
-        parts.append((t[near], k[near], values[near]))
-    t, k, values = (np.concatenate(column) for column in zip(*parts, strict=True))
-    rows = truth_index, track_index, np.searchsorted(frames, truth.frame), np.searchsorted(frames, tracks.frame)
-    return Sequence(*rows, t, k, values, len(people), len(ids), len(frames))
+        blocks.append((t[near], k[near], values[near]))
+    pair_truth, pair_track, values = map(np.concatenate, zip(*blocks, strict=True))
+    return Sequence(
+        truth=truth_index,
+        tracks=track_index,
+        truth_frame=np.searchsorted(frames, truth.frame),
+        track_frame=np.searchsorted(frames, tracks.frame),
+        pair_truth=pair_truth,
+        pair_track=pair_track,
+        similarity=values,
+        n_truth=len(people),
+        n_tracks=len(ids),
+        n_frames=len(frames),
+    )
 
 
-def _pairs_in_frames(truth_frame: I64, track_frame: I64) -> Iterator[tuple[I64, I64]]:
-    """All pairs of rows in one frame, by truth row, then track row, in blocks."""
-    first = np.searchsorted(track_frame, truth_frame)
-    counts = np.searchsorted(track_frame, truth_frame, side="right") - first
+PAIRS_MAX = 200_000
+"""Pairs of rows at a time, most of which are too far apart to be kept; a block has those of one row at least."""
+
+
+def pairs_in_frames(frames: I64 | F64, others: I64 | F64) -> Iterator[tuple[I64, I64]]:
+    """All pairs of rows in one frame, by row, then other row, whose frames ascend, in blocks."""
+    first = np.searchsorted(others, frames)
+    counts = np.searchsorted(others, frames, side="right") - first
     ends = np.cumsum(counts)
-    start = 0
-    while start < len(counts):
-        done = ends[start - 1] if start else 0
-        # Pairs whose similarity is computed at a time, most of which are too far apart to be kept.
-        stop = max(start + 1, int(np.searchsorted(ends, done + 200_000, side="right")))
-        some = counts[start:stop]
-        since = np.arange(some.sum()) - np.repeat(ends[start:stop] - some - done, some)
-        yield np.repeat(np.arange(start, stop), some), np.repeat(first[start:stop], some) + since
-        start = stop
+    for block in np.split(np.arange(len(frames)), np.flatnonzero(np.diff(ends // PAIRS_MAX)) + 1):
+        rows = np.repeat(block, counts[block])
+        before = np.cumsum(counts[block]) - counts[block]
+        since = np.arange(len(rows)) - np.repeat(before, counts[block])
+        yield rows, first[rows] + since
 
 
 def best_pairs(rows: I64, cols: I64, weight: F64, group: I64) -> Bool:
@@ -200,31 +210,34 @@ class HotaScores:
 
 def hota_scores(sequence: Sequence) -> HotaScores:
     """HOTA with its two passes: global alignment of people and tracks, then matches that favour aligned pairs."""
-    n_truth, n_tracks = sequence.truth_rows, sequence.track_rows
-    if n_truth + n_tracks == 0:
+    rows = sequence.truth_rows + sequence.track_rows
+    if rows == 0:
         return HotaScores(None, None, None)
     # (C,) people and tracks that are similar in any frame, each pair once, and (P,) which of them a pair of rows is.
-    keys = sequence.truth[sequence.pair_truth] * max(1, sequence.n_tracks) + sequence.tracks[sequence.pair_track]
+    n_tracks = max(1, sequence.n_tracks)
+    keys = sequence.truth[sequence.pair_truth] * n_tracks + sequence.tracks[sequence.pair_track]
     common, of_pair = np.unique(keys, return_inverse=True)
-    person, track = np.divmod(common, max(1, sequence.n_tracks))
+    person, track = np.divmod(common, n_tracks)
     # (C,) rows of the person and of the track of every common pair together.
-    truth = np.bincount(sequence.truth, minlength=sequence.n_truth)[person]
-    tracks = np.bincount(sequence.tracks, minlength=sequence.n_tracks)[track]
-    union = np.asarray(truth + tracks, dtype=np.float64)
+    person_rows = np.bincount(sequence.truth, minlength=sequence.n_truth)[person]
+    track_rows = np.bincount(sequence.tracks, minlength=sequence.n_tracks)[track]
+    union = (person_rows + track_rows).astype(np.float64)
     # (P,) share of each pair in what its two rows are similar to in their frame, as an intersection over union.
-    s = sequence.similarity
-    of_truth = np.bincount(sequence.pair_truth, s, sequence.truth_rows)[sequence.pair_truth]
-    of_track = np.bincount(sequence.pair_track, s, sequence.track_rows)[sequence.pair_track]
-    shares = np.asarray(s / np.maximum(of_track + of_truth - s, EPS))
+    similarity = sequence.similarity
+    of_truth = np.bincount(sequence.pair_truth, similarity, sequence.truth_rows)[sequence.pair_truth]
+    of_track = np.bincount(sequence.pair_track, similarity, sequence.track_rows)[sequence.pair_track]
+    shares = similarity / np.maximum(of_track + of_truth - similarity, EPS)
     potential = np.bincount(of_pair, shares, len(common))
-    score = (potential / (union - potential))[of_pair] * sequence.similarity
-    matched = best_pairs(sequence.pair_truth, sequence.pair_track, score, sequence.pair_frame)
+    alignment = potential / (union - potential)
+    matched = best_pairs(sequence.pair_truth, sequence.pair_track, alignment[of_pair] * similarity, sequence.pair_frame)
     # (alphas, C) frames in which a common pair is matched at a threshold.
-    near = [matched & (sequence.similarity >= alpha - EPS) for alpha in ALPHAS]
-    matches = np.array([np.bincount(of_pair[pairs], minlength=len(common)) for pairs in near], dtype=np.float64)
+    matches = np.empty((len(ALPHAS), len(common)))
+    for row, alpha in zip(matches, ALPHAS, strict=True):
+        row[:] = np.bincount(of_pair[matched & (similarity >= alpha - EPS)], minlength=len(common))
     tp = matches.sum(axis=1)
-    deta = tp / (n_truth + n_tracks - tp)
-    assa = (matches * (matches / np.maximum(1.0, union - matches))).sum(axis=1) / np.maximum(1.0, tp)
+    deta = tp / (rows - tp)
+    association = matches / np.maximum(1.0, union - matches)
+    assa = (matches * association).sum(axis=1) / np.maximum(1.0, tp)
     return HotaScores(float(np.sqrt(deta * assa).mean()), float(deta.mean()), float(assa.mean()))
 
 
@@ -261,24 +274,36 @@ def clear_scores(sequence: Sequence, threshold: float = THRESHOLD) -> ClearScore
     both[np.intersect1d(sequence.truth_frame, sequence.track_frame)] = True
     turn = np.where(both, np.cumsum(both) - 1, -1)
     pairs = _matches(sequence, turn, threshold)
-    misses, extra = sequence.truth_rows - len(pairs), sequence.track_rows - len(pairs)
-    rows = pairs[np.argsort(sequence.truth[pairs[:, 0]], kind="stable")]
-    person, track, at = sequence.truth[rows[:, 0]], sequence.tracks[rows[:, 1]], turn[sequence.truth_frame[rows[:, 0]]]
+    misses = sequence.truth_rows - len(pairs)
+    false_positives = sequence.track_rows - len(pairs)
+    by_person = pairs[np.argsort(sequence.truth[pairs[:, 0]], kind="stable")]
+    person = sequence.truth[by_person[:, 0]]
+    track = sequence.tracks[by_person[:, 1]]
+    at = turn[sequence.truth_frame[by_person[:, 0]]]
     again = np.diff(person) == 0
     switches = int(np.count_nonzero(again & (np.diff(track) != 0)))
-    mota = 1.0 - (misses + extra + switches) / sequence.truth_rows if sequence.truth_rows else None
-    matched, present = (np.bincount(who, minlength=sequence.n_truth) for who in (person, sequence.truth))
-    share = matched / np.maximum(1, present)
+    matched = np.bincount(person, minlength=sequence.n_truth)
+    present = np.bincount(sequence.truth, minlength=sequence.n_truth)
     # Shares of a person's rows (Wu, Nevatia 2006, as MOTChallenge counts them).
-    tracked, lost = np.count_nonzero(share > 0.8), np.count_nonzero(share < 0.2)
-    fragmentations = int(np.count_nonzero(again & (np.diff(at) != 1)))
-    return ClearScores(pairs, misses, extra, switches, mota, int(tracked), int(lost), fragmentations)
+    share = matched / np.maximum(1, present)
+    errors = misses + false_positives + switches
+    return ClearScores(
+        matches=pairs,
+        misses=misses,
+        false_positives=false_positives,
+        switches=switches,
+        mota=1.0 - errors / sequence.truth_rows if sequence.truth_rows else None,
+        mostly_tracked=int(np.count_nonzero(share > 0.8)),
+        mostly_lost=int(np.count_nonzero(share < 0.2)),
+        fragmentations=int(np.count_nonzero(again & (np.diff(at) != 1))),
+    )
 
 
 def _matches(sequence: Sequence, turn: I64, threshold: float) -> I64:
     """(K, 2) truth and track rows matched, in the order of frames."""
     near = np.flatnonzero(sequence.similarity >= threshold - EPS)
-    rows, cols, similarity = sequence.pair_truth[near], sequence.pair_track[near], sequence.similarity[near]
+    rows = sequence.pair_truth[near]
+    cols = sequence.pair_track[near]
     row_before = _row_before(sequence.truth, turn[sequence.truth_frame])[rows]
     col_before = _row_before(sequence.tracks, turn[sequence.track_frame])[cols]
     chosen = lone_pairs(rows, cols)
@@ -286,8 +311,9 @@ def _matches(sequence: Sequence, turn: I64, threshold: float) -> I64:
     partner[rows[chosen]] = cols[chosen]
     for pairs in groups_of(sequence.truth_frame[rows], ~chosen):
         goes_on = (partner[row_before[pairs]] == col_before[pairs]) & (col_before[pairs] >= 0)
-        # Weight of continuing the last frame's pair: above any sum of similarities in a frame.
-        taken = solved(rows[pairs], cols[pairs], similarity[pairs] + 1000.0 * goes_on)
+        # Continuing the last frame's pair weighs more than any sum of similarities in a frame.
+        weight = sequence.similarity[near[pairs]] + 1000.0 * goes_on
+        taken = solved(rows[pairs], cols[pairs], weight)
         chosen[pairs] = taken
         partner[rows[pairs[taken]]] = cols[pairs[taken]]
     return np.column_stack([rows[chosen], cols[chosen]])

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from calib.types import F64, I64
+from planview.evaluation.metrics import pairs_in_frames
 from planview.trajectories.table import Trajectories, rows_by_id
 
 CLOSE_M = 0.4
@@ -120,17 +121,13 @@ def voted_shift(rows: Places, others: Places) -> int:
 
 def voted_offset(rows: Places, others: Places) -> F64:
     """(D,) from the rows to the others, by the votes of pairs of rows of one frame [units of what is near]."""
-    order = np.argsort(others.frame, kind="stable")
-    frames = others.frame[order]
-    low = np.searchsorted(frames, rows.frame - 0.5)
-    counts = np.searchsorted(frames, rows.frame + 0.5) - low
-    if counts.sum() < 20:
+    by_frame = np.argsort(others.frame, kind="stable")
+    blocks = [np.stack(pairs) for pairs in pairs_in_frames(rows.frame, others.frame[by_frame])]
+    mine, theirs = np.concatenate(blocks, axis=1)
+    if len(mine) < 20:
         return np.zeros(rows.at.shape[1])
-    row = np.repeat(np.arange(len(counts)), counts)
-    since = np.arange(len(row)) - np.repeat(np.cumsum(counts) - counts, counts)
-    column = order[since + np.repeat(low, counts)]
-    apart = others.at[column] - rows.at[row]
+    apart = others.at[by_frame[theirs]] - rows.at[mine]
     voters = cKDTree(apart)
     votes = voters.query_ball_point(apart, 0.5, return_length=True)
-    most = apart[int(np.argmax(votes))]
-    return np.asarray(np.median(apart[voters.query_ball_point(most, 0.5)], axis=0))
+    agreeing = voters.query_ball_point(apart[np.argmax(votes)], 0.5)
+    return np.asarray(np.median(apart[agreeing], axis=0))
