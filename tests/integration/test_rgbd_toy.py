@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 import pytest
 from cli import Cli, JsonOf
-from stereo.doctor.explain import explain
 from toy_rgbd import EMPTY, HEIGHT_M, TILT_DEG, walker_m, write_toy_rgbd
 
 from calib.errors import InputError, WorkError
@@ -19,6 +18,7 @@ from planview.checks.examine import examine
 from planview.engine.config import Config
 from planview.engine.engine import Engine
 from planview.engine.open import open_engine
+from stereo.doctor.diagnose import diagnose
 from stereo.readers.open import open_any
 
 FEW = Config.model_validate({"analysis": {"setup_frames": 6}})
@@ -74,7 +74,7 @@ def test_unit_of_depth_is_kept_when_the_search_for_another_one_fails(
 
     monkeypatch.setattr(opened, "decode", fail)
     with pytest.raises(InputError, match="a file is gone"):
-        explain(opened)
+        diagnose(opened)
     assert opened.head.depth_units.units_per_m == 1000
 
 
