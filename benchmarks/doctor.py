@@ -110,7 +110,8 @@ def pair_faults(rig: StereoRig) -> list[Fault]:
 
 def rectified(rig: StereoRig) -> Callable[[AnyArray, AnyArray], tuple[AnyArray, AnyArray]]:
     """Images as OpenCV rectifies them."""
-    pose, size = rig.right_SE3_left, rig.left.size
+    pose = rig.right_SE3_left
+    size = rig.left.size
     (k1, d1), (k2, d2) = ((camera.matrix, camera.coefficients) for camera in (rig.left, rig.right))
     shift = pose.translation.reshape(3, 1)
     r1, r2, p1, p2, *_ = cv2.stereoRectify(k1, d1, k2, d2, size, pose.rotation, shift, alpha=0)
@@ -161,7 +162,8 @@ def depth_faults(head: DepthCamera) -> list[Fault]:
 
 def stored(recording: Recording[Any]) -> Read:
     """Reads frames of a recording by ascending indices, with depth in ``RAW_UNITS``, and keeps them for all faults."""
-    kept, units = dict[int, tuple[Decoded, Decoded]](), getattr(recording.head, "depth_units", None)
+    kept = dict[int, tuple[Decoded, Decoded]]()
+    units = getattr(recording.head, "depth_units", None)
 
     def read(indices: Sequence[int]) -> list[tuple[Decoded, Decoded]]:
         assumed = units.units_per_m if units else 1.0
@@ -181,21 +183,25 @@ def stored(recording: Recording[Any]) -> Read:
 def faulty(recording: Recording[Any], fault: Fault, read: Read) -> Recording[Any]:
     """The recording with the fault in it; ``read`` gives its frames (see ``stored``)."""
     head = fault.head(recording.head) if fault.head else recording.head
-    units, last = getattr(head, "depth_units", None), recording.n_frames - 1 - fault.late
+    units = getattr(head, "depth_units", None)
+    last = recording.n_frames - 1 - fault.late
 
     def decode(indices: Sequence[int] | None) -> Generator[tuple[Decoded, Decoded], None, None]:
         frames = [i for i in (range(last + 1) if indices is None else indices) if i <= last]
         for (a, now), (later, b) in zip(read(frames), read([i + fault.late for i in frames]), strict=True):
             # The second camera shows at ``now`` what the first shows later.
-            first, second = a.image, b.image
+            first = a.image
+            second = b.image
             if first is None or second is None or later.image is None or now.image is None:
                 continue
             if fault.woven:
-                first, second = _woven(first, later.image), _woven(now.image, second)
+                first = _woven(first, later.image)
+                second = _woven(now.image, second)
             if units is not None:
                 second = np.nan_to_num(second * RAW_UNITS).round().astype(np.uint16)
             first, second = fault.images(first, second) if fault.images else (first, second)
-            first, second = np.ascontiguousarray(first), np.ascontiguousarray(second)
+            first = np.ascontiguousarray(first)
+            second = np.ascontiguousarray(second)
             if units is not None:
                 second = metres(second, units.units_per_m)
             yield replace(a, image=first), replace(now, image=second)
@@ -205,7 +211,8 @@ def faulty(recording: Recording[Any], fault: Fault, read: Read) -> Recording[Any
 
 def named(recording: Recording[Any], consecutive: bool) -> str:
     """What the doctor names in a recording; empty where nothing."""
-    spread, first = recording.sample(8), max(0, (recording.n_frames - FRAMES) // 2)
+    spread = recording.sample(8)
+    first = max(0, (recording.n_frames - FRAMES) // 2)
     if isinstance(recording.head, Pair):
         finding = diagnose_colours(spread) or diagnose_fields(spread) or diagnose(recording)
     else:
@@ -216,7 +223,8 @@ def named(recording: Recording[Any], consecutive: bool) -> str:
         return finding.names if finding else ""
     run = recording.at(list(range(first, min(first + FRAMES, recording.n_frames))))
     if isinstance(recording.head, Pair):
-        watch, rectifier = MotionWatch(), Rectifier(recording.head.rig)
+        watch = MotionWatch()
+        rectifier = Rectifier(recording.head.rig)
         for pair in (rectifier(*frame.images) for frame in run):
             watch.update(thumbnails(pair.left_grey, pair.right_grey))
         late = any(check.name == "synchronisation" and not check.ok for check in watch.checks())
@@ -243,10 +251,13 @@ def doctor(*, options: DoctorOptions | None = None) -> None:
     Example: python -m benchmarks doctor --recording data/synthetic/demo --recording my_depth_recording
     """
     o = options or DoctorOptions()
-    rows, totals = [], []
+    rows = []
+    totals = []
     for path in o.recording:
         recording = open_any(path)
-        read, head, tally = stored(recording), recording.head, {"right": 0, "wrong": 0, "nothing": 0}
+        read = stored(recording)
+        head = recording.head
+        tally = {"right": 0, "wrong": 0, "nothing": 0}
         faults = pair_faults(head.rig) if isinstance(head, Pair) else depth_faults(head)
         is_grey = isinstance(head, Pair) and all(image.ndim == 2 for image in recording.sample(1)[0].images)
         faults = [fault for fault in faults if not (is_grey and fault.name == OTHER_COLOURS)]
@@ -256,7 +267,8 @@ def doctor(*, options: DoctorOptions | None = None) -> None:
             got = named(faulty(recording, fault, read), not fault.name or fault.late > 0)
             verdict = "right" if got == fault.name else "wrong" if got else "nothing"
             tally[verdict] += 1
-            fault_name, got_name = fault.name or "as recorded", got or "nothing"
+            fault_name = fault.name or "as recorded"
+            got_name = got or "nothing"
             seconds = time.process_time() - start
             rows.append(
                 {"recording": path.name, "fault": fault_name, "verdict": verdict, "named": got_name, "cpu_s": seconds}

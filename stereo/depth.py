@@ -39,7 +39,8 @@ class Depths:
     """Pixels of depth as stored, as float32 metres (see ``metres``)."""
 
     units_per_m: float = UNITS_PER_M
-    name, text = "depth images (one channel of 16 bits)", "depth"
+    name = "depth images (one channel of 16 bits)"
+    text = "depth"
 
     def fits(self, stored: AnyArray) -> bool:
         """Whether stored values are those of depth."""
@@ -105,7 +106,8 @@ class RectifiedGeometry:
 
     def above(self, world_SE3_left: SE3, step: int = 1) -> FloorPinhole:
         """The left camera above the floor, with its image or that of means of step x step pixels."""
-        size, middle = (-(-self.width // step), -(-self.height // step)), middle_px(0, step)
+        size = (-(-self.width // step), -(-self.height // step))
+        middle = middle_px(0, step)
         reduced = np.array([[1.0, 0.0, -middle], [0.0, 1.0, -middle], [0.0, 0.0, step]]) / step
         return FloorPinhole(size, reduced @ self.matrix, world_SE3_left)
 
@@ -117,7 +119,8 @@ class RectifiedGeometry:
     def rays(self, pixels: ArrayLike) -> F64:
         """(..., 3) float64 rays at unit z through (..., 2) pixels u, v, in the rectified left camera frame."""
         p = np.asarray(pixels, dtype=np.float64)
-        u, v = (p[..., 0] - self.cu_px) / self.focal_u_px, (p[..., 1] - self.cv_px) / self.focal_v_px
+        u = (p[..., 0] - self.cu_px) / self.focal_u_px
+        v = (p[..., 1] - self.cv_px) / self.focal_v_px
         return np.stack([u, v, np.ones_like(u)], axis=-1)
 
     def disparity_at(self, depth_m: float) -> float:
@@ -251,7 +254,8 @@ def back_project(depth: F32, geometry: RectifiedGeometry, step: int = 1) -> F32:
     is, of samples of step x step pixels of the geometry's image."""
     rows, cols = depth.shape
     points = np.empty((rows, cols, 3), dtype=np.float32)
-    u, v = middle_px(np.arange(float(cols)), step), middle_px(np.arange(float(rows)), step)
+    u = middle_px(np.arange(float(cols)), step)
+    v = middle_px(np.arange(float(rows)), step)
     x = geometry.rays(np.column_stack([u, np.zeros(cols)]))[:, 0].astype(np.float32)
     y = geometry.rays(np.column_stack([np.zeros(rows), v]))[:, 1].astype(np.float32)
     np.multiply(depth, x[None, :], out=points[..., 0])

@@ -69,7 +69,8 @@ def disparity_range(
     a raised hand meets the image, so that an overhead camera does not search what only a cellar could have.
     """
     params = params or RangeParams()
-    nearest, farthest = params.nearest_m, math.inf
+    nearest = params.nearest_m
+    farthest = math.inf
     if floor is not None:
         level, steep = _descent(geometry, floor)
         clearance = floor.height_m - params.reach_m
@@ -175,7 +176,8 @@ class SgbmMatcher:
             lag: share of the distance by which all is measured too far away.
         """
         self.params = p = params or SgbmParams()
-        self.geometry, self._scale = geometry, np.float32(1.0 + lag)
+        self.geometry = geometry
+        self._scale = np.float32(1.0 + lag)
         self.step = n = step or max(1, round(geometry.width / ANALYSIS_PX))
         self.shape = -(-geometry.height // n), -(-geometry.width // n)
         self.disparities = found = disparities or disparity_range(geometry)
@@ -185,7 +187,8 @@ class SgbmMatcher:
         )
         whole = np.full((geometry.height, geometry.width), 255, np.uint8)
         left, right = (valid_mask(whole if m is None else m, p) for m in (mask, right_mask))
-        self._mask, self._right_mask = left[::n, ::n], right[::n, ::n]
+        self._mask = left[::n, ::n]
+        self._right_mask = right[::n, ::n]
         self._sgbm = self._make_sgbm()
         side = 15 // n | 1  # about as far as SGBM's smoothness carries a match: 15 px
         self._texture = np.ones((side, side), np.uint8)
@@ -195,13 +198,15 @@ class SgbmMatcher:
         shape = self.geometry.height, self.geometry.width
         if left_grey.shape != shape or right_grey.shape != shape or left_grey.dtype != np.uint8:
             raise ValueError(f"expected two {shape} uint8 images, got {left_grey.shape} and {right_grey.shape}")
-        samples, n = self.matched(left_grey, right_grey).disparity, self.step
+        samples = self.matched(left_grey, right_grey).disparity
+        n = self.step
         return np.repeat(np.repeat(samples, n, axis=0), n, axis=1)[: shape[0], : shape[1]]
 
     def matched(self, left_grey: U8, right_grey: U8, last: Matched | None = None) -> Matched:
         """The disparity of the samples, from images as of a call; that of the last pair while nothing at all has moved
         since it was found. Not in several threads at once."""
-        left, right = sample_means(left_grey, self.step), sample_means(right_grey, self.step)
+        left = sample_means(left_grey, self.step)
+        right = sample_means(right_grey, self.step)
         smooth_left, smooth_right = (np.asarray(cv2.blur(samples, (5, 5)), np.uint8) for samples in (left, right))
         seen = 1 if last is None else last.seen + 1
         if last is not None and last.kept < KEPT_MAX and seen > FIRST_PAIRS:
@@ -212,7 +217,8 @@ class SgbmMatcher:
 
     def _disparity(self, left_grey: U8, right_grey: U8, left: U8, right: U8) -> F32:
         """(h, w) float32 disparity of the samples [px], from images as of a call and their samples."""
-        n, start = self.step, self._coarse(left, right)
+        n = self.step
+        start = self._coarse(left, right)
         coarse = left, _means(right_grey, n)
         refined = self._refined(*coarse, start, n, max(1, n // 2))
         if n <= 2:
@@ -232,7 +238,8 @@ class SgbmMatcher:
         pad = self._first + self._count  # columns on the left that OpenCV leaves without disparity
         padded = (cv2.copyMakeBorder(image, 0, 0, pad, 0, cv2.BORDER_REPLICATE) for image in (left, right))
         fixed = self._sgbm.compute(*padded)[:, pad:]
-        darkest, brightest = cv2.erode(left, self._texture), cv2.dilate(left, self._texture)
+        darkest = cv2.erode(left, self._texture)
+        brightest = cv2.dilate(left, self._texture)
         usable = (cv2.subtract(brightest, darkest) >= TEXTURE_MIN) & (darkest < SATURATED_LEVEL)
         usable &= self._mask > 0
         disparity = np.empty(fixed.shape, np.float32)
@@ -243,7 +250,8 @@ class SgbmMatcher:
 
     def _make_sgbm(self) -> cv2.StereoSGBM:
         """OpenCV's matcher for samples, whose blocks are as wide as those of pixels as far as they have three."""
-        p, n = self.params, self.step
+        p = self.params
+        n = self.step
         block = max(min(p.block_px, 3), p.block_px // n | 1)
         speckle_px = self.geometry.focal_u_px * self.geometry.focal_v_px * (p.speckle_m / 4.0) ** 2
         return cv2.StereoSGBM.create(
@@ -263,7 +271,8 @@ class SgbmMatcher:
     def _refined(self, left: U8, right: U8, disparity: F32, side: int, apart: int) -> F32:
         """One Gauss-Newton step on means of ``side`` x ``side`` pixels: those of the left samples, and (H, W) of the
         right image from each pixel on."""
-        error, slope = np.empty_like(disparity), np.empty_like(disparity)
+        error = np.empty_like(disparity)
+        slope = np.empty_like(disparity)
         differences(left, right, disparity, (self.step - side) // 2, self.step, apart, error, slope)
         # The two cameras' gains differ, by place too.
         known = np.isfinite(disparity).astype(np.float32)
@@ -316,7 +325,8 @@ def differences(left: U8, right: U8, disparity: F32, first: int, step: int, apar
             t = x - np.float32(i)
             here = np.float32(right[v, i])
             here += t * (np.float32(right[v, i + 1]) - here)
-            behind, ahead = np.float32(right[v, i - apart]), np.float32(right[v, i + apart])
+            behind = np.float32(right[v, i - apart])
+            ahead = np.float32(right[v, i + apart])
             behind += t * (np.float32(right[v, i + 1 - apart]) - behind)
             ahead += t * (np.float32(right[v, i + 1 + apart]) - ahead)
             error[row, col] = np.float32(left[row, col]) - here
@@ -333,20 +343,25 @@ def shared_step(disparity: F32, error: F32, slope: F32, same_px: float, noise: f
     height, width = disparity.shape
     near = np.float32(same_px)
     d = np.full((height + 4, width + 4), np.float32(-1e6))  # samples without a disparity are near none
-    g2, ge = np.zeros_like(d), np.zeros_like(d)
+    g2 = np.zeros_like(d)
+    ge = np.zeros_like(d)
     for row in range(height):
         for col in range(width):
             if not np.isnan(disparity[row, col]):
                 d[row + 2, col + 2] = disparity[row, col]
                 g2[row + 2, col + 2] = slope[row, col] * slope[row, col]
                 ge[row + 2, col + 2] = slope[row, col] * error[row, col]
-    above, below = np.empty(width, np.float32), np.empty(width, np.float32)
+    above = np.empty(width, np.float32)
+    below = np.empty(width, np.float32)
     for row in range(height):
-        above[:], below[:] = np.float32(0.0), np.float32(noise)
+        above[:] = np.float32(0.0)
+        below[:] = np.float32(noise)
         here = d[row + 2, 2 : width + 2]
         for r in range(row, row + 5):
             for c in range(5):  # so that the loop over columns, which is the longest, runs on vectors
-                there, g2_there, ge_there = d[r, c : c + width], g2[r, c : c + width], ge[r, c : c + width]
+                there = d[r, c : c + width]
+                g2_there = g2[r, c : c + width]
+                ge_there = ge[r, c : c + width]
                 for col in range(width):
                     apart = there[col] - here[col]
                     same = np.float32(1.0) if abs(apart) < near else np.float32(0.0)

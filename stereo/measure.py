@@ -34,7 +34,10 @@ class PairMeasure:
     def __init__(
         self, rectifier: Rectifier, sgbm: SgbmParams, searched: DisparityRange, step: int, own: Matcher | None = None
     ) -> None:
-        self._rectifier, self._searched, self._step, self._own = rectifier, searched, step, own
+        self._rectifier = rectifier
+        self._searched = searched
+        self._step = step
+        self._own = own
         masks = rectifier.mask, rectifier.right_mask
         self._sgbm = SgbmMatcher(rectifier.geometry, sgbm, searched, *masks, step, BODY_LAG)
 
@@ -66,7 +69,8 @@ class SensorMeasure:
     """Depth that a sensor measured, at an n-th of its image's size."""
 
     def __init__(self, rectifier: RgbdRectifier, step: int) -> None:
-        self._rectifier, self._step = rectifier, step
+        self._rectifier = rectifier
+        self._step = step
 
     def __call__(self, shot: Shot, record: Record = _unrecorded, last: Matched | None = None) -> Depth:
         """Take the distortion out of an image, (H, W) or (H, W, 3) uint8, and its depth, (H, W) float32 [m]. Raises
@@ -100,7 +104,8 @@ def refuse_foreign_disparity(disparity: object, shape: tuple[int, int], searched
     valid = few[np.isfinite(few)]
     if not len(valid):
         return
-    largest, none = searched.first_px + searched.count, float(((valid == 0) | (valid <= -1)).mean())
+    largest = searched.first_px + searched.count
+    none = float(((valid == 0) | (valid <= -1)).mean())
     # Share of disparities of exactly 0, or below -1, from which they stand for "none" (our choice): nothing lies
     # beyond infinity, and what lies there has a disparity of about 0.
     if none > 0.2:

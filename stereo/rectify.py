@@ -37,11 +37,13 @@ def source_pixels(camera: Camera, rotation: F64, pixel_to_ray: F64, size: tuple[
         pixel_to_ray: (3, 3) homogeneous rectified pixel to rectified ray.
         size: (width, height) of the rectified image [px].
     """
-    matrix, coefficients = np.linalg.inv(pixel_to_ray), camera.coefficients
+    matrix = np.linalg.inv(pixel_to_ray)
+    coefficients = camera.coefficients
     maps = cv2.fisheye.initUndistortRectifyMap if camera.model == "fisheye" else cv2.initUndistortRectifyMap
     u, v = maps(camera.matrix, coefficients, rotation, matrix, size, cv2.CV_32FC1)
     pixels = np.stack([u, v], axis=-1, dtype=np.float32)
-    columns, rows = np.arange(size[0], dtype=np.float64), np.arange(size[1], dtype=np.float64)[:, None]
+    columns = np.arange(size[0], dtype=np.float64)
+    rows = np.arange(size[1], dtype=np.float64)[:, None]
     x, y, z = (row[0] * columns + row[1] * rows + row[2] for row in rotation.T @ pixel_to_ray)
     limit = min(fold_radius(camera), 1e6)
     pixels[(z <= 0) | (x * x + y * y > (limit * z) ** 2)] = np.nan
@@ -62,8 +64,10 @@ def fold_radius(camera: Camera) -> float:
 def border_rays(camera: Camera, samples: int = 33) -> F64:
     """(4, samples, 3) float64 rays at unit z through the left, right, top and bottom edge of an image; where the lens
     model has no inverse, the outermost ray that it has in that direction."""
-    w, h = camera.width - 0.5, camera.height - 0.5
-    across, down = np.linspace(-0.5, w, samples), np.linspace(-0.5, h, samples)
+    w = camera.width - 0.5
+    h = camera.height - 0.5
+    across = np.linspace(-0.5, w, samples)
+    down = np.linspace(-0.5, h, samples)
     low = np.full(samples, -0.5)
     edges = [(low, down), (np.full(samples, w), down), (across, low), (across, np.full(samples, h))]
     pixels = np.concatenate([np.column_stack(edge) for edge in edges])
@@ -97,9 +101,11 @@ def ideal_pinhole(
     if (right - left) * height < (bottom - top) * width and abs(rotation[0, 1]) > abs(rotation[0, 0]):
         width, height = height, width  # cameras one above the other: the rectified image lies on its side
     scale = min(1.0, working_px / max(width, height)) if working_px else 1.0
-    width, height = max(16, round(width * scale)), max(16, round(height * scale))
+    width = max(16, round(width * scale))
+    height = max(16, round(height * scale))
     focal = min(width / (right - left), height / (bottom - top))
-    cu, cv = (width - 1) / 2 - focal * (left + right) / 2, (height - 1) / 2 - focal * (top + bottom) / 2
+    cu = (width - 1) / 2 - focal * (left + right) / 2
+    cv = (height - 1) / 2 - focal * (top + bottom) / 2
     return RectifiedGeometry(width, height, focal, focal, cu, cv, baseline_m)
 
 
@@ -187,17 +193,20 @@ class Rectifier:
 
     def __init__(self, rig: StereoRig, params: RectifyParams | None = None) -> None:
         """Prepare the maps; ``rig`` is the calibration at the recorded size."""
-        self.rig, self._shape = rig, rig.left.size[::-1]
+        self.rig = rig
+        self._shape = rig.left.size[::-1]
         self.params = params or RectifyParams()
         left_rotation, right_rotation = rig.rectifying_rotations()
         self.rect_SE3_left = SE3(left_rotation, np.zeros(3))
-        size_px, quantile = self.params.working_px, self.params.field_quantile
+        size_px = self.params.working_px
+        quantile = self.params.field_quantile
         self.geometry = ideal_pinhole(rig.left, left_rotation, size_px, quantile, rig.baseline_m)
         to_ray: F64 = np.asarray(np.linalg.inv(self.geometry.matrix), dtype=np.float64)
         self._left = Warp(rig.left, left_rotation, to_ray, self.geometry.size, size_px)
         self._right = Warp(rig.right, right_rotation, to_ray, self.geometry.size, size_px)
         self._smaller = {1: self._left}
-        self.mask, self.right_mask = self._left.mask, self._right.mask
+        self.mask = self._left.mask
+        self.right_mask = self._right.mask
 
     def __call__(self, left: U8, right: U8) -> Rectified:
         """Rectify (h, w) or (h, w, 3) uint8 images at the rig's size, BGR. Raises ValueError: another size."""
@@ -216,7 +225,8 @@ class Rectifier:
         """Of the left image at an n-th of its size."""
         if step not in self._smaller:
             width, height = self.geometry.size
-            size, middle = (-(-width // step), -(-height // step)), middle_px(0, step)
+            size = (-(-width // step), -(-height // step))
+            middle = middle_px(0, step)
             scale = np.array([[step, 0.0, middle], [0.0, step, middle], [0.0, 0.0, 1.0]])
             to_ray = np.asarray(np.linalg.inv(self.geometry.matrix) @ scale, dtype=np.float64)
             rotation = self.rect_SE3_left.rotation

@@ -27,14 +27,16 @@ class DepthRegistration:
     def __init__(self, rig: RgbdRig) -> None:
         """Prepare; a rig whose depth is registered already gives depth back as it is."""
         self._rig = rig
-        depth, image = rig.depth_camera, rig.camera
+        depth = rig.depth_camera
+        image = rig.camera
         if depth is None:
             return
         columns, rows = np.meshgrid(np.arange(depth.width), np.arange(depth.height))
         rays = depth.unproject(np.column_stack([columns.ravel(), rows.ravel()])) @ rig.camera_SE3_depth.rotation.T
         self._rays = rays.reshape(depth.height, depth.width, 3).astype(np.float32)
         # A lens shows as much more than its own pinhole to each side; farther rays are left out.
-        x, y = round(0.25 * image.width), round(0.25 * image.height)
+        x = round(0.25 * image.width)
+        y = round(0.25 * image.height)
         size = image.width + 2 * x, image.height + 2 * y
         pinhole: F64 = image.matrix + np.array([[0, 0, x], [0, 0, y], [0, 0, 0]])
         self._pinhole = pinhole[[0, 1, 0, 1], [0, 1, 2, 2]]
@@ -45,7 +47,8 @@ class DepthRegistration:
     def __call__(self, depth_m: F32) -> F32:
         """(H, W) float32 [m] along the image's optical axis, NaN where unknown, of (h, w) float32 [m] as measured, NaN
         (or 0) where unknown. Raises ValueError: depth of another size than the calibration's."""
-        image, depth = self._rig.camera, self._rig.depth_camera or self._rig.camera
+        image = self._rig.camera
+        depth = self._rig.depth_camera or self._rig.camera
         if depth_m.shape != (depth.height, depth.width):
             raise ValueError(f"expected depth of {(depth.height, depth.width)}, got {depth_m.shape}")
         if self._rig.depth_camera is None:
@@ -69,7 +72,8 @@ def register_depth(
     """
     nearest[:] = np.inf
     rows, cols = nearest.shape
-    table_rows, table_cols = distorted.shape[0] - 1, distorted.shape[1] - 1
+    table_rows = distorted.shape[0] - 1
+    table_cols = distorted.shape[1] - 1
     for row in range(depth.shape[0]):
         for col in range(depth.shape[1]):
             d = depth[row, col]
@@ -80,8 +84,10 @@ def register_depth(
             v = pinhole[1] * (d * rays[row, col, 1] + shift[1]) / z + pinhole[3]
             if not (u >= 0.0 and v >= 0.0 and u < table_cols and v < table_rows):
                 continue
-            i, j = int(v), int(u)
-            a, b = v - i, u - j
+            i = int(v)
+            j = int(u)
+            a = v - i
+            b = u - j
             x = (1.0 - a) * ((1.0 - b) * distorted[i, j, 0] + b * distorted[i, j + 1, 0])
             x += a * ((1.0 - b) * distorted[i + 1, j, 0] + b * distorted[i + 1, j + 1, 0])
             y = (1.0 - a) * ((1.0 - b) * distorted[i, j, 1] + b * distorted[i, j + 1, 1])
@@ -117,7 +123,8 @@ class RgbdRectifier:
     """
 
     def __init__(self, camera: Camera, sensor: DepthSensor, params: RectifyParams | None = None) -> None:
-        self.camera, p = camera, params or RectifyParams()
+        self.camera = camera
+        p = params or RectifyParams()
         pinhole = ideal_pinhole(camera, np.eye(3), p.working_px, p.field_quantile, 1.0)
         per_m2, min_m = NOISE[sensor]
         baseline_m = DISPARITY_STD_PX / (pinhole.focal_u_px * per_m2)

@@ -150,14 +150,18 @@ def fit_correction(matches: F64, geometry: RectifiedGeometry) -> RigCorrection:
     left_cells, right_cells = _rays(cells, geometry)
     # Turns a, b of the cameras are independent, and so are b - a, the pose, and -(a + b) / 2, the baseline.
     prior = np.array([math.radians(_MOUNT_DEG)] * 5 + [_LENS] * 2) * np.sqrt([2.0] * 3 + [0.5] * 2 + [2.0] * 2)
-    alike, noise = np.array([_FIXED, math.radians(_YAW_DEG), _FIXED]), _NOISE_MIN_PX / geometry.focal_v_px
+    alike = np.array([_FIXED, math.radians(_YAW_DEG), _FIXED])
+    noise = _NOISE_MIN_PX / geometry.focal_v_px
     noise = max(noise, _fitted(left_cells, right_cells, prior, noise)[3])  # the same for all answers
     answers = np.array(list(itertools.product((False, True), repeat=3)))
-    found, spread, evidence = np.empty((8, 3)), np.empty((8, 3)), np.empty(8)
+    found = np.empty((8, 3))
+    spread = np.empty((8, 3))
+    evidence = np.empty(8)
     for n, turned in enumerate(answers):
         std = np.append(np.hypot(alike, np.where(turned, prior[:3], 0.0)), prior[3:])
         values, covariance, evidence[n], _ = _fitted(left_cells, right_cells, std, noise)
-        found[n], spread[n] = values[:3], np.diag(covariance)[:3] + alike**2
+        found[n] = values[:3]
+        spread[n] = np.diag(covariance)[:3] + alike**2
         evidence[n] += math.log(_TURNED / (1.0 - _TURNED)) * int(turned.sum())
     share = np.exp(evidence - evidence.max())[:, None] * answers
     weight = share / share.sum(axis=0)
@@ -178,7 +182,9 @@ def _fitted(left: F64, right: F64, prior: F64, noise_min: float) -> tuple[F64, F
         prior: (7,) standard deviations of a Gaussian about 0.
         noise_min: least noise of an offset at unit depth.
     """
-    values, small, penalty = np.zeros(7), 1e-6, np.diag(prior**-2.0)
+    values = np.zeros(7)
+    small = 1e-6
+    penalty = np.diag(prior**-2.0)
     for _ in range(_ROUNDS):
         error = _row_offset(values, left, right)
         slopes = np.stack([(_row_offset(values + step, left, right) - error) / small for step in small * np.eye(7)])
@@ -256,7 +262,8 @@ def match_corners(
     found_at = [_search(a, b, point, span, math.ceil(search_px / n)) for point in (points + 0.5) / n - 0.5]
     guesses = np.asarray(n * (np.array(found_at, dtype=np.float32) + 0.5) - 0.5, dtype=np.float32)
     good = np.isfinite(guesses).all(axis=1)
-    points, guesses = points[good], guesses[good]
+    points = points[good]
+    guesses = guesses[good]
     if len(points) == 0:
         return np.empty((0, 4))
     # Lucas-Kanade compares values, and each camera may expose for itself: the right image gets the brightness and
@@ -269,12 +276,15 @@ def match_corners(
     gain = float(std.item() / max(other_std.item(), 1.0))
     bright = cv2.convertScaleAbs(right, alpha=gain, beta=mean.item() - gain * other_mean.item())
     # Sub-pixel places in the right image, of those that lead back to where they came from.
-    start, window = points.reshape(-1, 1, 2), (side, side)
-    criteria, flags = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.003), cv2.OPTFLOW_USE_INITIAL_FLOW
+    start = points.reshape(-1, 1, 2)
+    window = (side, side)
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.003)
+    flags = cv2.OPTFLOW_USE_INITIAL_FLOW
     track = partial(cv2.calcOpticalFlowPyrLK, winSize=window, maxLevel=0, criteria=criteria, flags=flags)
     there, found, _ = track(left, bright, start, guesses.reshape(-1, 1, 2).copy())
     back, found_back, _ = track(bright, left, there, start.copy())
-    there, back = there.reshape(-1, 2).astype(np.float64), back.reshape(-1, 2)
+    there = there.reshape(-1, 2).astype(np.float64)
+    back = back.reshape(-1, 2)
     kept = (found.reshape(-1) == 1) & (found_back.reshape(-1) == 1)
     kept &= (np.hypot(*(back - points).T) < 0.3) & (np.hypot(*(there - guesses).T) < 2.0)
     u, v = points[kept].T.astype(np.float64)
@@ -284,10 +294,13 @@ def match_corners(
 def _search(left: U8, right: U8, point: F32, span: tuple[int, int], search_px: int) -> tuple[float, float]:
     """Best place of a left patch in the right image, NaN when it is at the limit, poor or not unique."""
     nothing = (math.nan, math.nan)
-    u, v = round(float(point[0])), round(float(point[1]))
+    u = round(float(point[0]))
+    v = round(float(point[1]))
     rows, cols = left.shape
-    top, bottom = max(0, v - _PATCH - search_px), min(rows, v + _PATCH + search_px + 1)
-    start, end = max(0, u - _PATCH - span[1]), min(cols, u + _PATCH + 1 - span[0])
+    top = max(0, v - _PATCH - search_px)
+    bottom = min(rows, v + _PATCH + search_px + 1)
+    start = max(0, u - _PATCH - span[1])
+    end = min(cols, u + _PATCH + 1 - span[0])
     patch = left[v - _PATCH : v + _PATCH + 1, u - _PATCH : u + _PATCH + 1]
     strip = right[top:bottom, start:end]
     if strip.shape[0] <= patch.shape[0] + 2 or strip.shape[1] <= patch.shape[1] + 2:

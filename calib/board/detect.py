@@ -14,9 +14,11 @@ import numpy as np
 from calib.images import as_grey
 from calib.types import F64, I64, U8
 
-MIN_SQUARE_M, MAX_SQUARE_M = 0.002, 0.5
+MIN_SQUARE_M = 0.002
+MAX_SQUARE_M = 0.5
 """Squares outside this range are a slip of the unit: boards are held in a hand or stood in a room."""
-MIN_CORNERS, MAX_CORNERS = 3, 60
+MIN_CORNERS = 3
+MAX_CORNERS = 60
 """Inner corners along a side."""
 MARKER_SHARES = (0.75, 0.7, 0.8, 0.6, 0.5)
 """Usual sides of a ChArUco marker as shares of its square, the most usual first."""
@@ -108,10 +110,13 @@ class Detector:
     to show the board."""
 
     def __init__(self, board: Board, *, thorough: bool = True) -> None:
-        self.board, self.thorough, self._charuco = board, thorough, None
+        self.board = board
+        self.thorough = thorough
+        self._charuco = None
         if board.dictionary:
             dictionary = cv2.aruco.getPredefinedDictionary(dictionaries()[board.dictionary])
-            cols, rows = board.cols + 1, board.rows + 1
+            cols = board.cols + 1
+            rows = board.rows + 1
             if len(dictionary.bytesList) < cols * rows // 2:
                 raise ValueError(f"expected a dictionary with {cols * rows // 2} markers, found {board.dictionary}")
             made = cv2.aruco.CharucoBoard((cols, rows), board.square_m, board.marker_m, dictionary)
@@ -141,7 +146,8 @@ def find_chessboard(grey: U8, cols: int, rows: int, *, thorough: bool = True) ->
     """(cols * rows, 2) corners, coarse, in rows of ``cols``, in the order of a board viewed from its front. OpenCV's
     sector-based detector comes first where time allows: it finds blurred boards, and no part of a larger board."""
     sized, scale = at_detection_width(grey)
-    found, pixels = False, None
+    found = False
+    pixels = None
     if thorough:
         found, pixels = cv2.findChessboardCornersSB(sized, (cols, rows), flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
     if not found:
@@ -162,7 +168,9 @@ def find_chessboard(grey: U8, cols: int, rows: int, *, thorough: bool = True) ->
 def at_detection_width(grey: U8) -> tuple[U8, float]:
     """The image at a width at which OpenCV's detectors find squares of some 20 pixels in good time, and how many times
     larger it is then. Corners are refined at full size."""
-    width, low, high = grey.shape[1], 640, 1280  # [px]
+    width = grey.shape[1]  # [px]
+    low = 640
+    high = 1280
     if low <= width <= high:
         return grey, 1.0
     scale = float(math.ceil(low / width)) if width < low else high / width
@@ -201,7 +209,8 @@ def find_counts(images: Iterable[U8]) -> tuple[int, int] | None:
     """Inner corners (more, fewer) of the chessboard in the images, None when none is found: a small pattern is grown as
     far as it goes in each image, and the largest size that is in most images wins, since parts of a board are found as
     well, and an edge of the board can look like another row of squares in a few."""
-    greys, votes = [as_grey(image) for image in images], Counter[tuple[int, int]]()
+    greys = [as_grey(image) for image in images]
+    votes = Counter[tuple[int, int]]()
     flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER
     for grey in greys:
         sized = at_detection_width(grey)[0]
@@ -236,7 +245,8 @@ def larger_counts(images: Iterable[U8], given: tuple[int, int]) -> tuple[int, in
 
 def complete_charuco(board: Board, images: Sequence[U8], *, any_dictionary: bool, any_marker: bool) -> Board:
     """The ChArUco board with the dictionary, marker size and layout that find most in a few images."""
-    greys, n_ids = [as_grey(image) for image in images[:3]], (board.cols + 1) * (board.rows + 1) // 2
+    greys = [as_grey(image) for image in images[:3]]
+    n_ids = (board.cols + 1) * (board.rows + 1) // 2
 
     def markers(number: int) -> int:
         """Those of a dictionary whose ids the board can hold."""

@@ -76,7 +76,8 @@ def fit_lenses(
 
 def compare_lenses(views: Sequence[BoardView], points: F64, fits: Mapping[Lens, RigFit]) -> tuple[LensChoice, ...]:
     """Judge lens models on views left out of their fit (k-fold)."""
-    tried, folds = [], min(FOLDS, len(views))
+    tried = []
+    folds = min(FOLDS, len(views))
     for lens, full in fits.items():
         squares = []  # mean square errors [px^2] of every view by a rig fitted without its fold
         with suppress(FitError):  # a fold leaves too little to fit the lens to
@@ -177,7 +178,8 @@ def solve_board(
     _refuse_alike(views, 0.02 * size[0], source)
     lenses = [one for one in (*LENSES, RATIONAL) if (one in LENSES if model is None else one.model == model)]
     try:
-        points, out = board.points, list(rejected)
+        points = board.points
+        out = list(rejected)
         fits = fit_lenses(views, points, size, lenses)
         # Outliers are found with the simplest lens; a better one will fit better, but not three times better.
         base = next(iter(fits))
@@ -213,7 +215,8 @@ def _apart(one: BoardView, other: BoardView) -> float:
     # A chessboard's order is known up to half a turn, so that turned orders count as the same pose.
     if len(i) == 0:
         return math.inf
-    a, b = one.left[i], other.left[j]
+    a = one.left[i]
+    b = other.left[j]
     return float(min(np.linalg.norm(a - b, axis=1).max(), np.linalg.norm(a - b[::-1], axis=1).max()))
 
 
@@ -224,7 +227,8 @@ def _without_outliers(
     total = len(views)
     while True:
         each = fit.view_rms_px()
-        worst, median = int(np.argmax(each)), float(np.median(each))
+        worst = int(np.argmax(each))
+        median = float(np.median(each))
         # An outlier has 2.5 times the median rms of all views (good ones differ by up to 1.6) and more than 0.3 px:
         # corners are found no better than 0.1 to 0.3 px.
         if each[worst] <= max(2.5 * median, 0.3):
@@ -250,7 +254,8 @@ def _refuse_unfit(fit: RigFit, size: tuple[int, int], source: str, slack: float 
 def _checked_rig(fit: RigFit, std: dict[str, float], size: tuple[int, int], source: str) -> StereoRig:
     _refuse_unfit(fit, size, source)
     for side in SIDES:
-        focal_px, std_px = getattr(fit.rig, side).fx, std[f"{side} fx"]
+        focal_px = getattr(fit.rig, side).fx
+        std_px = std[f"{side} fx"]
         # Relative standard deviation above which the views do not determine it (depth errs as much).
         if std_px > 0.02 * focal_px:
             found = f"{focal_px:.0f} +- {std_px:.0f} px: tilt the board more, towards all sides"

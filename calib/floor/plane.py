@@ -239,12 +239,14 @@ def sandwich(inverse_information: F64, scores: F64, places: F64, parts: int = 6)
 PARALLEL_DEG = 10.0
 """Normals closer than this are one direction: a small plane's own is known to a few degrees only."""
 LEAST_COS = math.cos(math.radians(PARALLEL_DEG))
-MIN_PATCH, MIN_PATCHES = 60, 3
+MIN_PATCH = 60
+MIN_PATCHES = 3
 """Fewest points of a patch that moved, and fewest patches, that show where the vertical is."""
 ELONGATED = 2.0
 """How much longer than broad a patch is that shows how a body stands: a standing person is three times as tall as
 broad."""
-PERSON_LENGTH_M, PERSON_BREADTH_M = (0.5, PEOPLE_M), 0.15
+PERSON_LENGTH_M = (0.5, PEOPLE_M)
+PERSON_BREADTH_M = 0.15
 """Length and least breadth of what is seen of a person [m]: from head and chest behind a desk to the whole body. Longer
 patches are several people, narrower ones edges of things that flicker."""
 UPRIGHT_COS = math.cos(math.radians(45.0))
@@ -258,10 +260,12 @@ DECISIVE = 0.3
 much in height as people do."""
 MIN_MOVED = 500
 """Points that must have moved before they speak against a plane: a fifth of a person in a few frames."""
-MOUNT_M, MOUNT_SPREAD = (3.0, 1.4), (0.35, 0.5)
+MOUNT_M = (3.0, 1.4)
+MOUNT_SPREAD = (0.35, 0.5)
 """Median height over floors of cameras that look straight down, from ceilings, and of level ones, on robots, shelves
 and tripods [m], and the deviation of its logarithm; in between by the tilt."""
-CEILING_M, CEILING_ODDS = (2.2, 3.5), 3.0
+CEILING_M = (2.2, 3.5)
+CEILING_ODDS = 3.0
 """Heights of rooms [m], and by how much a ceiling at one of them makes a floor likelier than two walls as far apart are
 in the view of a camera that looks straight down."""
 LEANING_DEG = -5.0

@@ -195,14 +195,17 @@ def starts(
     people: MarkedPeople, size: tuple[int, int], lens: str, model: HumanModel, prior: CameraPrior
 ) -> list[GroundCamera]:
     """The best few cameras of a grid that differ, by where heads are above the marked feet and by the boxes' sizes."""
-    person_m, radius_m = model.height_m, model.torso_radius_m
+    person_m = model.height_m
+    radius_m = model.torso_radius_m
     low, high = (prior.mean + sign * 2.5 * np.minimum(prior.std, 1.0) for sign in (-1, 1))
     if not np.isfinite(prior.std[HEIGHT]):
-        low[HEIGHT], high[HEIGHT] = math.log(1.15 * person_m), math.log(MAX_DISTANCE_M)
+        low[HEIGHT] = math.log(1.15 * person_m)
+        high[HEIGHT] = math.log(MAX_DISTANCE_M)
     focals, heights = (np.exp(np.linspace(low[k], high[k], n)) for k, n in zip((FOCAL, HEIGHT), GRID, strict=False))
     tilts = np.radians(np.linspace(-89.0, 89.0, GRID[2]))
     f, h, tilt = (axis.reshape(-1, 1) for axis in np.meshgrid(focals, heights, tilts, indexing="ij"))
-    s, c = np.sin(tilt), np.cos(tilt)
+    s = np.sin(tilt)
+    c = np.cos(tilt)
     # (n, 4, 2) corners, head and foot from the image centre, without lens distortion.
     marked = people.rows.reshape(-1, 4, 2) - (np.array(size) - 1) / 2
     k = distortion_k(lens, size[0])
@@ -212,9 +215,11 @@ def starts(
     with np.errstate(all="ignore"):
         # People stand where the marked foot meets the floor; from there follow their heads and how large they look.
         far = h / (f * c + foot[:, 1] * s)
-        x, y = far * foot[:, 0], far * (f * s - foot[:, 1] * c)
+        x = far * foot[:, 0]
+        y = far * (f * s - foot[:, 1] * c)
         depth = y * s + (h - person_m) * c
-        u, v = f * x / depth, f * ((h - person_m) * s - y * c) / depth
+        u = f * x / depth
+        v = f * ((h - person_m) * s - y * c) / depth
         shoulder = 2.0 * radius_m * f / (y * s + (h - 0.85 * person_m) * c)
         off = np.hypot(u - head[:, 0], v - head[:, 1])
         off += np.abs(np.abs(u - foot[:, 0]) + shoulder - box[:, 0])
@@ -277,7 +282,8 @@ def _refuse_unfit(fit: GroundCameraFit, errors: F64, name: str) -> None:
 FLOOR_ERROR_M = 0.35
 """Floor error that is enough [m], and a tenth of the region in small rooms: half the distance of two people who walk
 side by side."""
-KNOWN_HEIGHT_STD, KNOWN_TILT_STD = 0.06, math.radians(1.5)
+KNOWN_HEIGHT_STD = 0.06
+KNOWN_TILT_STD = math.radians(1.5)
 """Deviations of the camera's height [1] and tilt [rad] up to which it is known well enough (half of those that three
 people give)."""
 

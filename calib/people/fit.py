@@ -89,7 +89,8 @@ def fit_camera(
     shared = np.zeros(N_SHARED)
     shared[[FOCAL, HEIGHT]] = math.log(camera.focal_px), math.log(camera.height_m)
     shared[[TILT, ROLL]] = camera.tilt_rad, camera.roll_rad
-    values, scale = np.append(shared, stand), variation or 1.0
+    values = np.append(shared, stand)
+    scale = variation or 1.0
     for evaluations in (12, 40) if variation is None else (12,):
         # What people vary by moves head, foot and box together; how much depends on where the camera is.
         residuals = Residuals(camera, people, model, prior, values, scale)
@@ -129,7 +130,10 @@ class Residuals:
         variation: float,
     ) -> None:
         """Prepare; ``values`` are the unknowns at which the covariances of people are taken."""
-        self.camera, self.people, self.prior, self.variation = camera, people, prior, variation
+        self.camera = camera
+        self.people = people
+        self.prior = prior
+        self.variation = variation
         self.body = body_points(model)
         covariance = people.repeats * self._person_covariance(values, variation)
         self.whiten = np.linalg.inv(np.linalg.cholesky(covariance))
@@ -140,7 +144,8 @@ class Residuals:
 
     def jacobian(self, values: F64, step: float = 1e-7) -> F64:
         """(8 n + N_SHARED, N_SHARED + 2 n) derivatives; a person's place moves only that person's rows."""
-        n, here = len(self.people), self.of_samples(values)
+        n = len(self.people)
+        here = self.of_samples(values)
         jacobian = np.zeros((8 * n + N_SHARED, len(values)))
         for k in range(N_SHARED):
             jacobian[: 8 * n, k] = self._slope(values, here, np.arange(len(values)) == k, step).ravel()
@@ -161,12 +166,15 @@ class Residuals:
         """
         loss = np.stack([squares, np.ones_like(squares), np.zeros_like(squares)])
         # Residuals beyond this many deviations count by their size instead of its square.
-        n, scale = 8 * len(self.people), 2.0**2
+        n = 8 * len(self.people)
+        scale = 2.0**2
         root = np.sqrt(1.0 + squares[:n] / scale)
         # Without its second derivative the step is that of reweighted least squares, which far residuals keep definite.
-        loss[0, :n], loss[1, :n] = 2.0 * scale * (root - 1.0), 1.0 / root
+        loss[0, :n] = 2.0 * scale * (root - 1.0)
+        loss[1, :n] = 1.0 / root
         width = n + GIRTH
-        loss[0, width], loss[1, width] = math.log1p(squares[width]), 1.0 / (1.0 + squares[width])
+        loss[0, width] = math.log1p(squares[width])
+        loss[1, width] = 1.0 / (1.0 + squares[width])
         return loss
 
     def log_likelihood(self, values: F64) -> float:
@@ -175,7 +183,8 @@ class Residuals:
 
     def of_samples(self, values: F64) -> F64:
         """(8 n,) whitened residuals of the samples."""
-        shared, places = values[:N_SHARED], values[N_SHARED:].reshape(-1, 2)
+        shared = values[:N_SHARED]
+        places = values[N_SHARED:].reshape(-1, 2)
         if not (abs(shared[TILT]) < math.pi / 2 - 1e-3 and abs(shared[ROLL]) < 0.5 and np.abs(shared).max() < 12.0):
             return np.full(8 * len(self.people), FAR)
         off = self._predicted(shared, places, np.zeros((len(places), 4))) - self.people.rows
@@ -184,7 +193,9 @@ class Residuals:
 
     def _person_covariance(self, values: F64, variation: float) -> F64:
         """(n, 8, 8) covariance of every person's row: marking, arms and steps, height, lean and width."""
-        rows, shared, places = self.people.rows, values[:N_SHARED], values[N_SHARED:].reshape(-1, 2)
+        rows = self.people.rows
+        shared = values[:N_SHARED]
+        places = values[N_SHARED:].reshape(-1, 2)
         diagonal = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1])[:, None]
         # Arms and steps move the edges of a box by this share of its diagonal [1]: some 4 cm of 1.8 m.
         sigma = np.hypot(POINT_PX, 0.02 * diagonal) * np.ones((1, 8))
@@ -226,12 +237,14 @@ def predict(camera: GroundCamera, body: F64, places: F64, lean: F64, size: F64, 
     points[..., :2] *= width[:, None, None]
     points[..., :2] += places[:, None] + lean[:, None] * (body[:, 2:] / body[-2, 2])
     pixels = camera.project(points)
-    low, high = pixels[:, :-2].min(axis=1), pixels[:, :-2].max(axis=1)
+    low = pixels[:, :-2].min(axis=1)
+    high = pixels[:, :-2].max(axis=1)
     if prior.reading == "boxes":
         middle = 0.5 * (low[:, 0] + high[:, 0])
         return np.column_stack([low, high, middle, low[:, 1], middle, high[:, 1]])
     if prior.reading == "level":
-        low[:, 1], high[:, 1] = pixels[:, -2:, 1].min(axis=1), pixels[:, -2:, 1].max(axis=1)
+        low[:, 1] = pixels[:, -2:, 1].min(axis=1)
+        high[:, 1] = pixels[:, -2:, 1].max(axis=1)
     return np.concatenate([low, high, pixels[:, -2], pixels[:, -1]], axis=1)
 
 
@@ -260,7 +273,8 @@ def with_outline_errors(fit: GroundCameraFit, people: MarkedPeople, model: Human
     """
     axis = people.rows[:, 6:] - people.rows[:, 4:6]
     along = axis / np.maximum(np.hypot(*axis.T), 1e-9)[:, None]
-    number, upright = np.arange(len(people)), along[:, 1] >= 0
+    number = np.arange(len(people))
+    upright = along[:, 1] >= 0
     covariance = fit.covariance.copy()
     for point, edge in ((slice(4, 6), np.where(upright, 1, 3)), (slice(6, 8), np.where(upright, 3, 1))):
         rows = people.rows.copy()
@@ -322,8 +336,10 @@ def with_focal_spread(best: GroundCameraFit, people: MarkedPeople, model: HumanM
 
 def _held(fit: GroundCameraFit, log_focal: float, people: MarkedPeople, model: HumanModel) -> GroundCameraFit:
     """The best camera of a focal length."""
-    mean, std = fit.prior.mean.copy(), fit.prior.std.copy()
-    mean[FOCAL], std[FOCAL] = log_focal, 1e-3  # a deviation [1] at which it is as good as fixed
+    mean = fit.prior.mean.copy()
+    std = fit.prior.std.copy()
+    mean[FOCAL] = log_focal  # a deviation [1] at which it is as good as fixed
+    std[FOCAL] = 1e-3
     started = replace(fit.camera, focal_px=math.exp(log_focal))
     held = fit_camera(started, people, model, replace(fit.prior, mean=mean, std=std), fit.variation)
     return replace(held, prior=fit.prior)

@@ -15,7 +15,8 @@ from calib.ground_camera import GroundCamera, distortion_k
 from calib.people.samples import HumanSample, MarkedPeople
 from calib.types import F64, Bool
 
-ADULT_HEIGHT_M, ADULT_HEIGHT_STD_M = 1.70, 0.12
+ADULT_HEIGHT_M = 1.70
+ADULT_HEIGHT_STD_M = 0.12
 """Heights of standing adults of both sexes [m] (NCD-RisC 2016, adults born 1996, over countries)."""
 CIRCLE_POINTS = 16
 """Points sampled on each circle; with 16 the polygon's box equals the circle's along both axes."""
@@ -52,7 +53,9 @@ class HumanModel:
     @property
     def planes(self) -> tuple[tuple[float, float], ...]:
         """(height, radius) [m] of the four critical planes, floor first: the wider cylinder where two meet."""
-        head, torso, leg = self.head_radius_m, self.torso_radius_m, self.leg_radius_m
+        head = self.head_radius_m
+        torso = self.torso_radius_m
+        leg = self.leg_radius_m
         heights = 0.0, self.leg_m, self.leg_m + self.torso_m, self.height_m
         return tuple(zip(heights, (leg, max(leg, torso), max(torso, head), head), strict=True))
 
@@ -103,7 +106,8 @@ class HumanModel:
     def boxes(self, camera: GroundCamera, xy_m: ArrayLike) -> F64:
         """(..., 4) float64 left, top, width, height [px] of the outline, for (..., 2) floor positions [m]."""
         points = self.outline_points(camera, xy_m)
-        low, high = points.min(axis=-2), points.max(axis=-2)
+        low = points.min(axis=-2)
+        high = points.max(axis=-2)
         return np.concatenate([low, high - low], axis=-1)
 
 
@@ -208,7 +212,8 @@ def prior_of(lens: str, width: int, known: KnownValues, reading: Reading) -> Cam
     straight above only the model's own width, fixed in the paper, separates height from focal length, so it is trusted.
     Roll: Zhang 2008, section 2, assumption 3, no significant one. All our choice.
     """
-    mean, std = np.zeros(N_SHARED), np.full(N_SHARED, np.inf)
+    mean = np.zeros(N_SHARED)
+    std = np.full(N_SHARED, np.inf)
     # Half an image's width over the focal lengths at both ends of the class: between them, uniform in their logarithm.
     narrow, wide = (math.tan(math.radians(field) / 2) for field in FIELDS_DEG[lens])
     mean[FOCAL] = math.log(0.5 * width / math.sqrt(narrow * wide))
@@ -221,9 +226,11 @@ def prior_of(lens: str, width: int, known: KnownValues, reading: Reading) -> Cam
     std[STATURE] = 0.025 if known.person_height_m is None else KNOWN_PERSON_STD
     focal = known.focal(width, distortion_k(lens, width))
     if focal is not None:
-        mean[FOCAL], std[FOCAL] = math.log(focal), KNOWN_CAMERA_STD
+        mean[FOCAL] = math.log(focal)
+        std[FOCAL] = KNOWN_CAMERA_STD
     if known.height_m is not None:
-        mean[HEIGHT], std[HEIGHT] = math.log(known.height_m), KNOWN_CAMERA_STD
+        mean[HEIGHT] = math.log(known.height_m)
+        std[HEIGHT] = KNOWN_CAMERA_STD
     return CameraPrior(mean, std, reading)
 
 

@@ -138,7 +138,8 @@ def read_samples(path: Path) -> tuple[HumanSample, ...]:
     height], "head" [u, v], "foot" [u, v] and optionally "frame" and the person's "height_m", or the columns of the CSV
     as keys. Raises InputError: unreadable, columns missing, or values that cannot be a person's.
     """
-    samples, data = [], _content(path)
+    samples = []
+    data = _content(path)
     rows = data.get("samples") if isinstance(data, dict) else data
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise InputError(f"{path}: expected a list of samples with box, head and foot, found something else")

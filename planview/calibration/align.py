@@ -59,7 +59,9 @@ DISPARITY_PX = 0.07
 """What is missing in the disparities of people [px]: they are small against the window of the matching, which mixes
 them with what is behind, so that they are found 2 to 4 cm too far away on small images, and rigs that face each other
 would be found twice that apart. Measured against truth on a rendered recording of 320x240 (0.06 and 0.07)."""
-STD_MAX_M, STD_MAX_DEG, STD_MAX_S = 0.10, 2.0, 0.10
+STD_MAX_M = 0.10
+STD_MAX_DEG = 2.0
+STD_MAX_S = 0.10
 """Largest deviations of position, heading and clock that are accepted."""
 
 
@@ -102,7 +104,8 @@ def record_rig(path: Path, config: Config | None = None, fps: float | None = Non
     """Track a rig's recording and gather the scene behind the people; ``fps`` in place of its own times."""
     engine = engine_of(open_any(path, OpenOptions(fps=fps)), config=config or Config())
     (view,) = engine.rigs.values()
-    collector, disparities = TrajectoryCollector(), []
+    collector = TrajectoryCollector()
+    disparities = []
     # Frames, spread over the recording, whose median is the scene without people.
     every = max(1, engine.recording.n_frames // 24)
     for result in engine:
@@ -116,7 +119,8 @@ def record_rig(path: Path, config: Config | None = None, fps: float | None = Non
 
 def _scene(view: FloorRig, disparities: list[F32]) -> F32:
     """Points of the median disparity that are known well enough."""
-    geometry, disparity = view.geometry, median_image(disparities)
+    geometry = view.geometry
+    disparity = median_image(disparities)
     # Points of the scene with a larger predicted depth deviation are left out [m].
     farthest = (0.30 / geometry.depth_std_m(1.0)) ** 0.5
     points = back_project(geometry.depth(disparity, farthest), geometry, view.reduction).reshape(-1, 3)
@@ -200,10 +204,12 @@ def _fits(piece: F64, tick: int, other: WalkedPath, widest: int) -> list[tuple[f
     windows = np.lib.stride_tricks.sliding_window_view(other.xy_m, n, axis=0).transpose(0, 2, 1)
     lags = tick - (other.first + np.arange(len(windows)))
     near = np.abs(lags) <= widest
-    windows, lags = windows[near], lags[near]
+    windows = windows[near]
+    lags = lags[near]
     if not len(windows):
         return []
-    centres, centre = windows.mean(axis=1), piece.mean(axis=0)
+    centres = windows.mean(axis=1)
+    centre = piece.mean(axis=0)
     spread = ((windows - centres[:, None]) ** 2).sum(axis=(1, 2))
     with np.errstate(invalid="ignore"):  # who stands all the time fits nothing
         turns = fit_turn(windows @ AS_COMPLEX, piece @ AS_COMPLEX)
@@ -267,7 +273,8 @@ class _Meeting(NamedTuple):
     def residual(self, v: F64, disparities_px: tuple[float, float], pivot: F64) -> F64:
         """(2 N,) differences [m] under (heading, x and y of the pivot, clock), with disparities corrected."""
         then = self.ticks - v[3] / TICK_S
-        ours, theirs = self.first.at(self.ticks, disparities_px[0]), self.second.at(then, disparities_px[1])
+        ours = self.first.at(self.ticks, disparities_px[0])
+        theirs = self.second.at(then, disparities_px[1])
         return np.nan_to_num(((theirs - pivot) @ floor_rotation(v[0]).T + v[1:3] - ours).ravel(), nan=0.0)
 
 

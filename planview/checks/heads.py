@@ -51,18 +51,24 @@ MIN_SURFACE_M2 = 0.06
 """Less visible surface above ``TRUNK_M`` is no person [m^2]."""
 MIN_PERSON_M = 1.2
 """Lower tops are of things, of children and of people who sit [m]."""
-STRIDE_M, LOST_S = 0.7, 0.6
+STRIDE_M = 0.7
+LOST_S = 0.6
 """How far a person comes between two looks, and how long a path goes on unseen [m, s]."""
-MIN_PATH_S, MAX_PATH_S, MAX_PATHS = 1.0, 60.0, 30
+MIN_PATH_S = 1.0
+MAX_PATH_S = 60.0
+MAX_PATHS = 30
 """Shorter paths are left out, longer ones are cut [s], and so many are remembered of a head."""
-CLOCK_S, SHIFT_M = 5.0, 2.0
+CLOCK_S = 5.0
+SHIFT_M = 2.0
 """Largest errors of clock and place that are searched [s, m]."""
-BETTER, BETTER_S = 1.5, 0.5
+BETTER = 1.5
+BETTER_S = 0.5
 """A correction must let people meet for this many times as long, and this much longer [s]: two people side by side, one
 of them hidden from one head, meet under a wrong one for a moment."""
 RIVALS = 0.9
 """Two corrections are named where the worse one lets people meet for this share of the time."""
-MOVED_PX, STEP_PX = 1.0, 2
+MOVED_PX = 1.0
+STEP_PX = 2
 """Disparity by which people are nearer than the background: four deviations; and every n-th row and column that is
 looked at [px]."""
 AS_GIVEN = RigAlignment(0.0, 0.0, 0.0, 0.0)
@@ -74,7 +80,8 @@ def people_places(points: FloorPoints, camera_m: F64) -> F64:
     xyz = points.xyz[high]
     if not len(xyz):
         return np.empty((0, 3))
-    low, far = xyz.min(axis=0), xyz.max(axis=0)
+    low = xyz.min(axis=0)
+    far = xyz.max(axis=0)
     grid = Grid.covering(float(low[0]), float(low[1]), float(far[0]) + CELL_M, float(far[1]) + CELL_M, CELL_M)
     _, surface = accumulate(xyz, points.area[high], TRUNK_M, (grid.x_min_m, grid.y_min_m, CELL_M), grid.shape)
     # A cell with a few points at an edge of depth would join people.
@@ -123,7 +130,8 @@ class HeadPaths(Carried):
     RECORDS = (_Track,)
 
     def __init__(self, name: str, camera: FloorCamera) -> None:
-        self.name, self.camera = name, camera
+        self.name = name
+        self.camera = camera
         self.reset()
 
     def reset(self) -> None:
@@ -153,7 +161,8 @@ class HeadPaths(Carried):
         """Those who walk for a while; NaN where another head does not look."""
         paths = []
         for track in self._tracks:
-            times_s, places = np.array(track.times_s), np.array(track.places)
+            times_s = np.array(track.times_s)
+            places = np.array(track.places)
             first, xy_m = sample_path(times_s, places[:, :2])
             if len(xy_m) * TICK_S < MIN_PATH_S:
                 continue

@@ -67,7 +67,9 @@ def read_events(path: Path) -> list[Event]:
 
 def _event(row: dict[str, str], where: str) -> Event:
     try:
-        frame, moment, track_id = int(row["frame"]), float(row["timestamp_s"]), int(row["id"])
+        frame = int(row["frame"])
+        moment = float(row["timestamp_s"])
+        track_id = int(row["id"])
     except (ValueError, TypeError):
         raise InputError(
             f"{where}: expected numbers for frame, timestamp_s and id, found {list(row.values())}"

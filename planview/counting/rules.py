@@ -33,7 +33,8 @@ class RulePlane:
     def __init__(
         self, camera: FloorCamera | None = None, image_size: tuple[int, int] | None = None, has_floor: bool = True
     ) -> None:
-        self.camera, self.has_floor = camera, has_floor
+        self.camera = camera
+        self.has_floor = has_floor
         self.image_size = camera.size if camera is not None else image_size
 
     def place(self, points: F64, *, in_pixels: bool, what: str) -> tuple[PlaneName, F64]:
@@ -129,7 +130,8 @@ def stereo_plane(rig_path: Path) -> RulePlane:
     world = (rig_path if rig_path.is_dir() else rig_path.parent) / "world.toml"
     if not world.is_file():
         raise InputError(f"{world}: expected the pose of the rig above the floor (calibrate it first), found no file")
-    rotation, params = rig.rectifying_rotations()[0], RectifyParams()
+    rotation = rig.rectifying_rotations()[0]
+    params = RectifyParams()
     geometry = ideal_pinhole(rig.left, rotation, params.working_px, params.field_quantile, rig.baseline_m)
     return RulePlane(geometry.above(load_world(world).world_SE3_left))
 
@@ -319,7 +321,8 @@ def parse_rules(data: dict[str, Any], plane: RulePlane, source: str) -> Rules:
         raise InputError(f"{source}: {first_problem(error, partial(_name_of, data))}") from error
     if not file.tripwire and not file.zone:
         raise InputError(f"{source}: expected at least one [[tripwire]] or [[zone]], found none")
-    names, zones = [rule.name for rule in (*file.tripwire, *file.zone, *file.queue)], [z.name for z in file.zone]
+    names = [rule.name for rule in (*file.tripwire, *file.zone, *file.queue)]
+    zones = [z.name for z in file.zone]
     if twice := next((name for i, name in enumerate(names) if name in names[:i]), None):
         raise InputError(f"{source}: expected every rule to have a name of its own, found {twice!r} twice")
     for queue in file.queue:
@@ -350,7 +353,8 @@ def _name_of(data: dict[str, Any], location: Location) -> str:
 
 
 def _wire(rule: Tripwire, plane: RulePlane, source: str) -> Placed:
-    metres, pixels = (rule.from_m, rule.to_m), (rule.from_px, rule.to_px)
+    metres = (rule.from_m, rule.to_m)
+    pixels = (rule.from_px, rule.to_px)
     given = [pair for pair in (metres, pixels) if pair != (None, None)]
     if len(given) != 1 or None in given[0]:
         raise InputError(

@@ -94,7 +94,8 @@ def moved(tracks: Trajectories, alignment: FloorAlignment) -> Trajectories:
 
 def floor_rotation(angle_rad: float) -> F64:
     """(2, 2) rotation of the floor."""
-    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    c = math.cos(angle_rad)
+    s = math.sin(angle_rad)
     return np.array([[c, -s], [s, c]])
 
 

@@ -99,7 +99,8 @@ def evaluate_tracks(
             detections; where most frames between those with truth rows have none, only some frames were annotated, and
             the others are left out.
     """
-    params, whole = params or EvaluationParams(), truth
+    params = params or EvaluationParams()
+    whole = truth
     frames = frames or tracks.tracked or _frames_with_rows(tracks, truth)
     tracks, truth = (t.where((t.frame >= frames[0]) & (t.frame <= frames[1])) for t in (tracks, truth))
     step = frame_step(np.unique(truth.frame))
@@ -118,13 +119,15 @@ def _frames_with_rows(*tables: Trajectories) -> tuple[int, int]:
 
 def _scores(tracks: Trajectories, truth: Trajectories, params: EvaluationParams, frames: tuple[int, int]) -> Evaluation:
     """Scores of rows in these frames, without what would explain them."""
-    frame_s, on_floor = frame_period_s(tracks, 1.0 / params.fps), params.match_on == "floor"
+    frame_s = frame_period_s(tracks, 1.0 / params.fps)
+    on_floor = params.match_on == "floor"
     confirmed, predicted, people, alignment = _comparable(tracks, truth, params)
     covered = coverage(people, confirmed, on_floor, frame_s)
     claimed = confirmed.where(covered.judged)
     similarity = floor_similarity(params.gate_m) if on_floor else box_similarity
     ignored, excused = _ignored(people, claimed, params.min_visible, similarity)
-    counted, followed = people.where(~ignored), claimed.where(~excused)
+    counted = people.where(~ignored)
+    followed = claimed.where(~excused)
     sequence = build_sequence(counted, followed, similarity)
     clear = clear_scores(sequence)
     matches = clear.matches
@@ -231,7 +234,8 @@ def _ignored(
     people: Trajectories, tracks: Trajectories, min_visible: float, similarity: Similarity
 ) -> tuple[Bool, Bool]:
     """Which people are too hidden to count, and which tracks are theirs: neither false nor given to another person."""
-    ignored, theirs = people.visible < min_visible, np.zeros(len(tracks), dtype=np.bool_)
+    ignored = people.visible < min_visible
+    theirs = np.zeros(len(tracks), dtype=np.bool_)
     if ignored.any():
         matches = clear_scores(build_sequence(people, tracks, similarity)).matches
         theirs[matches[ignored[matches[:, 0]], 1]] = True
@@ -241,7 +245,8 @@ def _ignored(
 def _truth_rows(truth: Trajectories, tracks: Trajectories, matches: I64, placed: bool) -> TruthRows:
     """Distance, visibility, company and match of every row of the truth; ``placed`` where positions may be compared."""
     t, k = matches.T
-    matched, away = np.zeros(len(truth), dtype=np.bool_), np.full(len(truth), np.nan)
+    matched = np.zeros(len(truth), dtype=np.bool_)
+    away = np.full(len(truth), np.nan)
     matched[t] = True
     if placed:
         away[t] = np.hypot(tracks.x_m[k] - truth.x_m[t], tracks.y_m[k] - truth.y_m[t])
@@ -322,7 +327,8 @@ def _prediction_histories(
         if track not in matched:
             continue
         then = np.searchsorted(tracks.frame[k[matched[track]]], predicted.frame[rows]) - 1
-        rows, then = rows[then >= 0], then[then >= 0]
+        rows = rows[then >= 0]
+        then = then[then >= 0]
         person = truth.track_id[t[matched[track]]][then]
         keys = predicted.frame[rows] * len(ids) + np.searchsorted(ids, person)
         at = order[np.searchsorted(place, keys, sorter=order).clip(max=len(order) - 1)]
@@ -348,7 +354,8 @@ def velocities(table: Trajectories, frame_s: float) -> F64:
     velocity = np.full((len(table), 2), np.nan)
     for _, rows in rows_by_id(track_numbers(table, table.frame.astype(np.float64) * frame_s)):
         times = table.frame[rows] * frame_s
-        before, after = np.maximum(times - STEP_S, times[0]), np.minimum(times + STEP_S, times[-1])
+        before = np.maximum(times - STEP_S, times[0])
+        after = np.minimum(times + STEP_S, times[-1])
         span = np.where(after > before, after - before, np.nan)
         for axis, place in enumerate((table.x_m[rows], table.y_m[rows])):
             velocity[rows, axis] = (np.interp(after, times, place) - np.interp(before, times, place)) / span

@@ -100,7 +100,8 @@ def floor_similarity(gate_m: float) -> Similarity:
 
 def box_similarity(truth: Trajectories, rows: I64, tracks: Trajectories, track_rows: I64) -> F64:
     """Intersection over union of the image boxes."""
-    a, b = truth.box_px[rows], tracks.box_px[track_rows]
+    a = truth.box_px[rows]
+    b = tracks.box_px[track_rows]
     overlap = np.minimum(a[:, :2] + a[:, 2:], b[:, :2] + b[:, 2:]) - np.maximum(a[:, :2], b[:, :2])
     both = np.prod(np.maximum(overlap, 0.0), axis=-1)
     union = np.prod(a[:, 2:], axis=-1) + np.prod(b[:, 2:], axis=-1) - both

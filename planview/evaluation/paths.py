@@ -36,13 +36,15 @@ class WalkedPath:
 
     def at(self, ticks: F64, disparity_px: float = 0.0) -> F64:
         """(N, 2) positions at fractional ticks, with all disparities larger by ``disparity_px``; NaN outside."""
-        known, values = np.arange(self.first, self.end), self.xy_m + disparity_px * self.per_px_m
+        known = np.arange(self.first, self.end)
+        values = self.xy_m + disparity_px * self.per_px_m
         return np.column_stack([np.interp(ticks, known, column, left=np.nan, right=np.nan) for column in values.T])
 
 
 def sample_path(times_s: F64, xy_m: F64) -> tuple[int, F64]:
     """The first tick within some times, and (N, 2) positions at every tick from there to the last [m]."""
-    first, last = math.ceil(times_s[0] / TICK_S), math.floor(times_s[-1] / TICK_S)
+    first = math.ceil(times_s[0] / TICK_S)
+    last = math.floor(times_s[-1] / TICK_S)
     ticks_s = np.arange(first, last + 1) * TICK_S
     return first, np.column_stack([np.interp(ticks_s, times_s, column) for column in xy_m.T])
 

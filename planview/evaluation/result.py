@@ -60,7 +60,8 @@ class FacingErrors:
         figures = {}
         for name, members in groups.items():
             counts = members & np.isfinite(self.to_truth_deg)
-            known, sure = self.to_truth_deg[counts], self.to_truth_deg[counts & self.sure]
+            known = self.to_truth_deg[counts]
+            sure = self.to_truth_deg[counts & self.sure]
             if len(known):
                 figures[name] = {
                     "rows": len(known),
@@ -276,7 +277,8 @@ class Evaluation:
     def _unexplained(self) -> str:
         """A sentence where few rows match and nothing that was tried explains it; else empty."""
         matches = len(self.clear.matches)
-        truth_rows, track_rows = self.sequence.truth_rows, self.sequence.track_rows
+        truth_rows = self.sequence.truth_rows
+        track_rows = self.sequence.track_rows
         strange_rows = int(np.isin(self.sequence.tracks, self.strangers).sum())
         if matches > FEW * truth_rows and strange_rows > (1.0 - FEW) * track_rows / 2:
             mota = 1.0 - (self.clear.misses + track_rows - strange_rows - matches + self.switches) / truth_rows

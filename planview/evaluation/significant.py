@@ -150,7 +150,8 @@ def poisson_upper(count: int, confidence: float = 0.95) -> float:
 def split_visits(person: PersonHistory, frame_s: float) -> list[PersonHistory]:
     """The history cut where the person did not count for longer than people are hidden; then a new id is right."""
     cuts = np.flatnonzero(has_ended(np.diff(person.frame) * frame_s)) + 1
-    frames, ids = np.split(person.frame, cuts), np.split(person.track_id, cuts)
+    frames = np.split(person.frame, cuts)
+    ids = np.split(person.track_id, cuts)
     return [PersonHistory(person.truth_id, f, i) for f, i in zip(frames, ids, strict=True) if len(f)]
 
 
@@ -289,7 +290,8 @@ def _prediction_errors(predicted: PredictionHistory, frame_s: float) -> Iterator
     longest = max(stretches, key=len)
     off_s = len(longest) * frame_s
     if off_s > PREDICTED_S:
-        frame, person = int(predicted.frame[longest[0]]), int(predicted.truth_id[longest[0]])
+        frame = int(predicted.frame[longest[0]])
+        person = int(predicted.truth_id[longest[0]])
         note = f"predicted away from person {person} for {off_s:.1f} s"
         yield SignificantError("false_track", frame, person, predicted.track_id, off_s, note)
 

@@ -107,12 +107,14 @@ class MapsRecording:
         n_frames, fps, files, skipped, notes, options: see ``stereo.recording.Recording``.
     """
 
-    name, is_live = "", False
+    name = ""
+    is_live = False
 
     def __init__(self, path: Path) -> None:
         """Read all but the points. Raises InputError: no such file, not a plan-view recording, cut short, damaged, or
         of another version."""
-        self.path, self.files = path, (path,)
+        self.path = path
+        self.files = (path,)
         with _reading(path), opened(path) as file:
             _check_version(path, file)
             self.head = RecordedViews(_read_rig(file), str(file.attrs["config"]))
@@ -120,7 +122,8 @@ class MapsRecording:
             self._indices, self._times, self._ends, self._unmatched_ends, self._renewed = (
                 _column(file, name, kind) for name, kind in COLUMNS.items() if name.startswith(("frames", "background"))
             )
-            skipped, why = _column(file, "skipped/index", np.int64), file["skipped/why"].asstr()[: len(self._indices)]
+            skipped = _column(file, "skipped/index", np.int64)
+            why = file["skipped/why"].asstr()[: len(self._indices)]
             self.skipped = [Skipped(int(i), str(w)) for i, w in zip(skipped, why, strict=True)]
             self._check_tables(file)
         self.n_frames = len(self._indices)
@@ -153,7 +156,8 @@ class MapsRecording:
         """The n-th frame with its points."""
         index, (height, width), background = int(self._indices[n]), self.head.rig.shape, None
         pixels, disparities, unmatched = (own[name] for name in ("points/pixel", "points/disparity", "unmatched/pixel"))
-        codes, wrong = own.get(APPEARANCE), ""
+        codes = own.get(APPEARANCE)
+        wrong = ""
         if not all(_ascend(each, height * width) for each in (pixels, unmatched)):
             wrong = f"pixels in order inside {width}x{height}"
         elif not (np.isfinite(disparities).all() and (disparities > 0).all()):
@@ -169,7 +173,8 @@ class MapsRecording:
 
     def _check_tables(self, file: Any) -> None:
         """Columns fit the frames, and hold what the kernels may be given."""
-        n, pixels = len(self._indices), math.prod(self.head.rig.shape)
+        n = len(self._indices)
+        pixels = math.prod(self.head.rig.shape)
         if not n == len(self._times) == len(self._ends):
             raise ValueError("columns of frames that differ in length")
         if (np.diff(self._indices, prepend=-1) <= 0).any():
@@ -178,7 +183,8 @@ class MapsRecording:
         if not ((np.abs(self._times) <= 1e8).all() and (np.diff(self._times) > 0).all()):
             raise ValueError("times that do not increase")
         for name, ends in self._ends_of(file).items():
-            steps, last = np.diff(ends, prepend=0), int(ends[-1]) if len(ends) else 0
+            steps = np.diff(ends, prepend=0)
+            last = int(ends[-1]) if len(ends) else 0
             if len(ends) != n or (steps < 0).any() or (steps > pixels).any():
                 raise ValueError(f"{name} that does not fit the frames")
             if file[name].dtype != COLUMNS.get(name, np.uint8) or file[name].shape != (last,):
@@ -221,7 +227,8 @@ def _check_version(path: Path, file: Any) -> None:
 
 
 def _read_rig(file: Any) -> FloorRig:
-    rig, floor = dict(file["rig"].attrs), dict(file["floor"].attrs)
+    rig = dict(file["rig"].attrs)
+    floor = dict(file["floor"].attrs)
     pose = SE3.from_matrix(floor["world_SE3_left"])
     refuse_strange_pose(pose)
     extent = tuple(_number(v, "extent_m", -np.inf, np.inf) for v in floor.get("extent_m", ()))
@@ -327,7 +334,8 @@ class MapsWriter:
                 self._file.close()
 
     def _flush(self) -> None:
-        block, self._block = self._block, []
+        block = self._block
+        self._block = []
         if not block:
             return
         shots = [shot for frame in block for shot in frame.shots if shot is not None]
@@ -372,7 +380,8 @@ class MapsWriter:
 
 
 def _write_rig(file: Any, view: FloorRig) -> None:
-    floor, rig = view.floor, asdict(view.geometry) | asdict(view.disparities)
+    floor = view.floor
+    rig = asdict(view.geometry) | asdict(view.disparities)
     rig |= {"reduction": view.reduction, "calibration": view.calibration}
     rig |= {"vertical_residual_px": view.vertical_residual_px, "correction": view.correction}
     if view.sensor is not None:

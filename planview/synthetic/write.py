@@ -85,7 +85,8 @@ def _write_frames(renderer: SceneRenderer, folder: Path, count: int, storage: St
     rows = 0
     for side in sides:
         if storage == "video":
-            path, fps = folder / f"{side or 'video'}.mp4", renderer.scene.fps
+            path = folder / f"{side or 'video'}.mp4"
+            fps = renderer.scene.fps
             videos.append(cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), fps, renderer.size))
             if not videos[-1].isOpened():
                 raise OSError(f"{path.name}: this OpenCV cannot write the video")
@@ -178,7 +179,8 @@ def write_rigs(
 
     The common world is that of the first head. Arguments and errors are those of ``write_recording``.
     """
-    written, entries = [], []
+    written = []
+    entries = []
     common_SE3_room = None
     for head in heads:
         renderer = head.renderer(scale)

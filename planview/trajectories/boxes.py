@@ -25,7 +25,8 @@ COLUMNS = "frame (from 1),id,left,top,width,height"
 FROM_ZERO = "frames count from 0, since there is a frame 0"
 OUTSIDE_MAX = 0.1
 """Share of boxes whose centre may lie outside of the image: people at its border."""
-CORNERS_MIN, CORNERS_SPREAD = 10, 0.5
+CORNERS_MIN = 10
+CORNERS_SPREAD = 0.5
 """Fewest boxes of a file of corners, and most that right less left may vary as a share of right."""
 DISTRACTORS = (2, 7, 8, 12)
 """Classes of MOT16 and later that excuse a track (Milan et al. 2016, section 3.2): person on a vehicle, static person,
@@ -59,7 +60,9 @@ def motchallenge_rows(path: Path, *, of_detector: bool = False) -> tuple[F64, st
     semicolons with decimal commas; NaN where a row is shorter than others, (0, 6) of an empty file; and what was left
     out, in a sentence. Before them may be a line of names in any order. Rows ``of_detector`` are boxes that were found:
     none is -1. Raises InputError: unreadable, a row of another length, no numbers, or other boxes."""
-    rows, longest, places = array("d"), 6, list[int]()
+    rows = array("d")
+    longest = 6
+    places = list[int]()
     with (
         expecting(path, f"rows of {COLUMNS},...", OSError, UnicodeDecodeError),
         path.open(encoding="utf-8-sig") as file,
@@ -95,7 +98,8 @@ def _row(path: Path, number: int, line: str, of_detector: bool, places: Sequence
     if good and of_detector and all(map(math.isfinite, values[:6])):
         good = values[0].is_integer() and 0 <= values[0] <= FRAMES_MAX
         if good and min(values[4:6]) <= 0:
-            good, expected = False, "boxes with a width and height above 0"
+            good = False
+            expected = "boxes with a width and height above 0"
     if not good:
         raise InputError(f"{path}: expected {expected}, found in line {number} {line.strip()[:80]!r}")
     return values
@@ -146,9 +150,12 @@ def box_columns(table: F64, path: Path, *, truth: bool = False) -> tuple[dict[st
     Returns:
         (M,) columns of ``table_of`` and "score", NaN where a value is unknown; and what was assumed or left out.
     """
-    more, kind = table[:, 6:], _class_column(table)
+    more = table[:, 6:]
+    kind = _class_column(table)
     unknown = np.full(len(table), np.nan)
-    score, visible, note = more[:, 0] if more.shape[1] else unknown, np.ones(len(table)), ""
+    score = more[:, 0] if more.shape[1] else unknown
+    visible = np.ones(len(table))
+    note = ""
     keep: Bool = np.ones(len(table), dtype=np.bool_)
     floor = np.column_stack([unknown, unknown])
     if kind is not None:
@@ -180,13 +187,17 @@ def left_out(people: Iterable[float], others: Iterable[float], where: str) -> st
 def _of_classes(table: F64, kind: int, path: Path, truth: bool) -> tuple[Bool, F64, F64, str]:
     """Which rows count, their score and their unoccluded fraction, and what was left out."""
     more = table[:, 6:]
-    classes, visible = more[:, kind], np.ones(len(table))
+    classes = more[:, kind]
+    visible = np.ones(len(table))
     benchmark = kind == 1 and more.shape[1] > 2 and bool((more[:, 2:] >= 0).all())
-    named, usual = _people_in_labels(path), people_among(classes)
+    named = _people_in_labels(path)
+    usual = people_among(classes)
     if benchmark and more.shape[1] == 4:
-        usual, visible = VISDRONE_PEOPLE, VISIBLE_OF_OCCLUSION[more[:, 3].astype(np.int64)]
+        usual = VISDRONE_PEOPLE
+        visible = VISIBLE_OF_OCCLUSION[more[:, 3].astype(np.int64)]
     elif benchmark:
-        usual, visible = (1,) if truth else usual, more[:, 2]
+        usual = (1,) if truth else usual
+        visible = more[:, 2]
     people = named or usual
     person = np.isin(classes, people)
     if benchmark and truth:
@@ -194,7 +205,8 @@ def _of_classes(table: F64, kind: int, path: Path, truth: bool) -> tuple[Bool, F
     of_mot = benchmark and truth and not named
     excuses = np.isin(classes, DISTRACTORS if of_mot and usual == (1,) else ())
     if not person.any():
-        listed, expected_classes = listed_numbers(np.unique(classes)), listed_numbers(people)
+        listed = listed_numbers(np.unique(classes))
+        expected_classes = listed_numbers(people)
         expected = f"rows of people (class {expected_classes} in column {kind + 7}), found class {listed}"
         if truth and benchmark:
             flags = listed_numbers(np.unique(more[:, 0]))
@@ -350,7 +362,8 @@ class Detections:
             raise InputError(f"{self.source}: expected boxes of a video of {frames} frames, found frame {last}")
         if last >= ENDS_EARLY * frames:
             return self
-        step, doubt = round(frames / last), f"boxes end at frame {last} of {frames}"
+        step = round(frames / last)
+        doubt = f"boxes end at frame {last} of {frames}"
         if 1 < step <= STEP_MAX and abs(last - frames / step) <= 1:
             doubt += f": are they of every {ordinal(step)} frame? Then number them as the video does"
         return replace(self, note="; ".join(filter(None, (self.note, doubt))))
@@ -372,7 +385,8 @@ def load_detections(path: Path) -> Detections:
     else:
         found, odd = motchallenge_rows(path, of_detector=True)
         columns, note = box_columns(found, path)
-        table, notes = np.column_stack([columns[name] for name in ("frame", *BOX_COLUMNS, "score")]), [note, odd]
+        table = np.column_stack([columns[name] for name in ("frame", *BOX_COLUMNS, "score")])
+        notes = [note, odd]
         table[~np.isfinite(table[:, 5]), 5] = 1.0
     if not len(table):
         raise InputError(f"{path}: expected boxes of people, found none")
@@ -396,8 +410,10 @@ def _coco(path: Path, text: str) -> tuple[F64, str, str]:
     rows = []
     for number, entry in enumerate(listed, 1):
         try:
-            frame, box = entry["image_id"], [float(value) for value in entry["bbox"]]
-            category, score = float(entry.get("category_id", PERSON_CLASS)), float(entry.get("score", 1.0))
+            frame = entry["image_id"]
+            box = [float(value) for value in entry["bbox"]]
+            category = float(entry.get("category_id", PERSON_CLASS))
+            score = float(entry.get("score", 1.0))
             if not (isinstance(frame, int) and 0 <= frame <= FRAMES_MAX) or len(box) != 4:
                 raise ValueError
             expected = "boxes with a width and height above 0" if min(box[2:]) <= 0 else ""

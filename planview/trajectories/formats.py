@@ -88,7 +88,8 @@ def _load(path: Path, truth: bool) -> TrajectoryFile:
         line = first.decode("utf-8-sig", "ignore" if len(first) == _FIRST_LINE else "strict")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: expected text in UTF-8, found another encoding, such as UTF-16 of Excel") from error
-    text, is_table = start.decode("utf-8-sig", "ignore"), re.match(r"\s*[-+.\deE]+(?=[\s,;]|$)", line) is not None
+    text = start.decode("utf-8-sig", "ignore")
+    is_table = re.match(r"\s*[-+.\deE]+(?=[\s,;]|$)", line) is not None
     if line.startswith("["):
         raise InputError(f"{path}: expected a table or JSON lines, found a JSON list: write an object for each frame")
     if line.startswith("{"):

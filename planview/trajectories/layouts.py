@@ -127,7 +127,8 @@ def opened(path: Path) -> Iterator[Any]:
         start = data.find(_HEAP)
         while start >= 0:
             (size,) = struct.unpack("<Q", data[start + 8 : start + 16].ljust(8, b"\0"))  # a file may end in it
-            end, place = min(start + size, len(data)), start + 16
+            end = min(start + size, len(data))
+            place = start + 16
             while place + 16 <= end:  # object 0 is what is free, header included
                 number, length = struct.unpack_from("<H6xQ", data, place)
                 step = 16 + (length + 7) // 8 * 8 if number else length
@@ -203,7 +204,8 @@ def read_jupedsim(path: Path) -> TrajectoryFile:
         refuse_many(path, int(database.execute("SELECT count(*) FROM trajectory_data").fetchone()[0]))
         cells = database.execute("SELECT frame, id, pos_x, pos_y FROM trajectory_data").fetchall()
         columns = zip(("frame", "id", "x_m", "y_m"), np.array(cells, dtype=object).reshape(-1, 4).T, strict=True)
-        rows, fps = table_of(dict(columns), path), checked_rate(path, metadata.get("fps"))
+        rows = table_of(dict(columns), path)
+        fps = checked_rate(path, metadata.get("fps"))
         area = "SELECT DISTINCT wkt FROM geometry LIMIT 100" if "geometry" in tables else "SELECT NULL"
         areas = [checked_area(str(wkt), str(path)) for (wkt,) in database.execute(area).fetchall() if wkt]
         all_areas = f"GEOMETRYCOLLECTION ({', '.join(areas)})" if len(areas) > 1 else "".join(areas) or None
@@ -213,7 +215,8 @@ def read_jupedsim(path: Path) -> TrajectoryFile:
 def write_jupedsim(path: Path, file: TrajectoryFile) -> None:
     """Rows with known positions; the orientation is where a person surely faces, else the direction of the velocity,
     (0, 0) where both are unknown."""
-    table, area = file.table, file.walkable_wkt or ""
+    table = file.table
+    area = file.walkable_wkt or ""
     area_hash = int.from_bytes(hashlib.sha256(area.encode()).digest()[:8], "big", signed=True)
     speed = np.hypot(*table.velocity_mps.T)[:, None]
     heading = np.where(speed > 0, table.velocity_mps / np.where(speed > 0, speed, 1.0), 0.0)
@@ -253,7 +256,8 @@ def read_parquet(path: Path) -> TrajectoryFile:
             refuse_many(path, file.metadata.num_rows)
             names = [name for name in TRACK_COLUMNS if name in file.schema_arrow.names]
         frame = pandas.read_parquet(path, engine="pyarrow", columns=names)
-        fps, area = frame.attrs.get("fps"), frame.attrs.get("walkable_wkt")
+        fps = frame.attrs.get("fps")
+        area = frame.attrs.get("walkable_wkt")
         return TrajectoryFile(
             table_of(frame, path),
             None if fps is None else checked_rate(path, fps),

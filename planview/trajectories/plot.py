@@ -27,7 +27,9 @@ NAMED_MAX = 20
 """Ids in a legend; more cannot be told apart by their colours."""
 SMOOTH_S = 0.5
 """Time over which a speed is the mean [s]: about one step."""
-TRUTH_COLOUR, INK, FAINT = "#141414", "#333333", "#b9bec6"
+TRUTH_COLOUR = "#141414"
+INK = "#333333"
+FAINT = "#b9bec6"
 
 
 def person_rgb(track_id: int, state: State | Literal[""] = "confirmed") -> tuple[int, int, int]:
@@ -65,7 +67,8 @@ def plot_paths(
     longest = shown["id"].value_counts().index
     chosen = set(longest[:NAMED_MAX]) if colour == "id" else set()
     for track_id, own in shown.groupby("id"):
-        path, seen = own[["u", "v"]].to_numpy(), own["state"] == "confirmed"
+        path = own[["u", "v"]].to_numpy()
+        seen = own["state"] == "confirmed"
         solid = np.where(seen.to_numpy()[:, None], path, np.nan)
         single = colour if colour not in ("id", "time") else person_hex(track_id) if track_id in chosen else FAINT
         if not seen.all():
@@ -91,7 +94,9 @@ def plot_paths(
     return _floor_axes(axes, unit)
 
 
-DENSITY_CELL_M, DENSITY_BLUR_M, FLOW_CELL_M = 0.1, 0.3, 0.5
+DENSITY_CELL_M = 0.1
+DENSITY_BLUR_M = 0.3
+FLOW_CELL_M = 0.5
 """Cells of densities and of flows, and the deviation of the Gaussian that stands for a person's room [m]."""
 
 
@@ -125,7 +130,8 @@ def plot_flow(rows: DataFrame, axes: Axes) -> Axes:
         for name in velocities
     ]
     u, v = (each.T / (_frames(rows) * FLOW_CELL_M**2) for each in sums)
-    flow, middle = np.hypot(u, v), FLOW_CELL_M / 2
+    flow = np.hypot(u, v)
+    middle = FLOW_CELL_M / 2
     shows = flow > 0.02 * flow.max()
     places = [axis[shows] for axis in np.meshgrid(x[:-1] + middle, y[:-1] + middle)]
     along = np.stack([u[shows], v[shows]]) / np.maximum(flow[shows], 1e-9)
@@ -143,7 +149,8 @@ def _on_floor(rows: DataFrame, cell_m: float) -> tuple[DataFrame, F64, F64]:
         raise InputError("expected trajectories on the floor, found none")
     if shown.empty:
         return shown, np.empty(0), np.empty(0)
-    low, high = shown[["u", "v"]].min() - 1.0, shown[["u", "v"]].max() + 1.0
+    low = shown[["u", "v"]].min() - 1.0
+    high = shown[["u", "v"]].max() + 1.0
     x, y = (np.arange(low[name], high[name] + cell_m, cell_m) for name in ("u", "v"))
     return shown, x, y
 
@@ -215,9 +222,13 @@ def _placed(rows: DataFrame) -> tuple[DataFrame, str]:
     and "m"; the middle of the lower edge of boxes, and "px", where none is known there."""
     table = table_of(rows, "rows")
     rows = table.to_dataframe()
-    u, v, unit = rows["x_m"], rows["y_m"], "m"
+    u = rows["x_m"]
+    v = rows["y_m"]
+    unit = "m"
     if len(rows) and (u + v).isna().all():
-        u, v, unit = rows["left_px"] + rows["width_px"] / 2, rows["top_px"] + rows["height_px"], "px"
+        u = rows["left_px"] + rows["width_px"] / 2
+        v = rows["top_px"] + rows["height_px"]
+        unit = "px"
         if (u + v).isna().all():
             raise InputError("expected trajectories with floor positions or boxes to plot, found neither")
     time_s = Clock(table, USUAL_FPS).at(table.frame)
@@ -252,7 +263,8 @@ def _breaks(rows: DataFrame) -> I64:
 
 def _speed(own: DataFrame) -> F64:
     """(N,) speeds of one track, smoothed; by differences where the tracker gave no velocity."""
-    speed, steps_s = np.hypot(own["vx_mps"], own["vy_mps"]), own["time_s"].diff()
+    speed = np.hypot(own["vx_mps"], own["vy_mps"])
+    steps_s = own["time_s"].diff()
     if speed.isna().all() and own["time_s"].nunique() > 1:
         # Rows of one time, as of clocks that count whole seconds, have one place and one speed.
         places = own.groupby("time_s")[["u", "v"]].mean()

@@ -41,7 +41,8 @@ _NAMES = {
     "visible": "vis(ible|ibility)?",
 }  # fmt: skip
 """What programs call the columns of trajectories, in lower case and without units, blanks and signs."""
-LABORATORY_FPS, LABORATORY_SPAN_CM = 16.0, 100.0
+LABORATORY_FPS = 16.0
+LABORATORY_SPAN_CM = 100.0
 """Of the laboratory experiments of Juelich, whose rows no line names: frame rate, and how far people walk at least."""
 RATE_HZ = 10.0
 """Frames per second of positions whose times are uneven, between which they are interpolated."""
@@ -63,7 +64,8 @@ def columns_of(text: str) -> tuple[int, Columns] | None:
         for place, cell in enumerate(re.split(r"[;,\t]" if re.search(r"[;,\t]", line) else r"\s+", line)):
             # Viswalk begins its names with "$PEDESTRIAN:", Vadere ends them with "-PID1".
             cell = re.sub(r"^\$\w+:|-PID\d+$", "", cell.strip(" \"'"))
-            unit, plain = _UNIT.search(cell), re.sub(r"[\s_.-]", "", _UNIT.sub("", cell)).lower()
+            unit = _UNIT.search(cell)
+            plain = re.sub(r"[\s_.-]", "", _UNIT.sub("", cell)).lower()
             role = next((role for role, names in _NAMES.items() if re.fullmatch(names, plain)), None)
             if role and (role not in found or "world" in plain):  # the image may have x and y, too
                 found[role] = place, _UNITS[unit[1].lower()] if unit else None
@@ -103,7 +105,8 @@ def read_rows(path: Path, start: str) -> TrajectoryFile:
     if table.shape[1] < 4:
         raise InputError(f"{path}: expected the columns id frame x y z, found {table.shape[1]} columns")
     rate = checked_rate(path, found[1]) if (found := _RATE.search(comments)) else None
-    unit, note = _LENGTHS[found[1].lower()] if (found := _STATED.search(comments)) else None, ""
+    unit = _LENGTHS[found[1].lower()] if (found := _STATED.search(comments)) else None
+    note = ""
     if not columns:
         columns = dict.fromkeys(_order(table)[: table.shape[1]], (0, None))
         note = f"no line names the columns: taken as {' '.join(columns)}"
@@ -183,7 +186,8 @@ def _by_time(path: Path, columns: dict[str, F64]) -> TrajectoryFile:
     if (np.abs(frames - np.round(frames)) > 0.1).any():
         uneven = f"times are uneven: positions are interpolated to {RATE_HZ:g} frames per second"
         note = "; ".join(filter(None, (note, uneven)))
-        period_s, rows = 1 / RATE_HZ, np.concatenate([_even(rows[rows[:, 0] == i]) for i in np.unique(rows[:, 0])])
+        period_s = 1 / RATE_HZ
+        rows = np.concatenate([_even(rows[rows[:, 0] == i]) for i in np.unique(rows[:, 0])])
         frames = rows[:, 1] / period_s
     even = dict(zip(("id", "timestamp_s", *others), rows.T, strict=True)) | {"frame": np.round(frames)}
     del even["timestamp_s"]  # from frames

@@ -37,13 +37,17 @@ DECIMALS = (None, 4, None, *[4] * 5, None, *[1] * 5, 3, 4, 4)
 """Of each column as it is written: 0.1 mm, 0.1 ms, 0.1 px, 0.1 degrees, 0.01 or 0.1 %; None where it is no fraction."""
 NUMBER_COLUMNS = tuple(name for name in TRACK_COLUMNS if name != "state")
 COLUMNS = (*TRACK_COLUMNS, "visible")
-BOX_COLUMNS, LAST_COLUMNS = TRACK_COLUMNS[9:13], TRACK_COLUMNS[13:]
+BOX_COLUMNS = TRACK_COLUMNS[9:13]
+LAST_COLUMNS = TRACK_COLUMNS[13:]
 TRUTH_COLUMNS = ("frame", "id", "x_m", "y_m", "height_m")
 STATES = ("tentative", "confirmed", "lost")
 PERSON_S = 0.5
 """A track is a person once it is confirmed for so long in all [s]. Flickers of foreground are shorter,
 people who cross the view are observed for longer."""
-HEIGHTS_M, FASTEST_MPS, SPAN_MIN_M, IDS_PER_FRAME_MAX = (0.3, 3.0), 6.0, 0.3, 10
+HEIGHTS_M = (0.3, 3.0)
+FASTEST_MPS = 6.0
+SPAN_MIN_M = 0.3
+IDS_PER_FRAME_MAX = 10
 """Beyond these a table does not hold people: the smallest and the tallest, the fastest marathon, the room that two of
 them need, and how many of a crowd pass in a frame."""
 IGNORED = -1.0
@@ -153,7 +157,8 @@ def _read(file: Path | str, required: Sequence[str], what: str) -> Trajectories:
     path = Path(file)
     require_file(path, f"a {what} file")
     missing: list[str] = []
-    between, decimal = ",", "."
+    between = ","
+    decimal = "."
     try:
         with path.open(encoding="utf-8-sig", newline="") as text:
             first = text.readline()
@@ -294,7 +299,8 @@ class Trajectories:
         import pandas
 
         states = pandas.Series(self.state, dtype="str")
-        box, velocity = self.box_px.T, self.velocity_mps.T
+        box = self.box_px.T
+        velocity = self.velocity_mps.T
         place = self.x_m, self.y_m, *velocity, self.height_m
         last = (getattr(self, name) for name in LAST_COLUMNS)
         columns = (self.frame, self.timestamp_s, self.track_id, *place, states, *box, *last)
@@ -435,8 +441,11 @@ def doubt(table: Trajectories) -> str:
     """What no people are or do, in a sentence: of another unit, rate or order of columns; empty where there is none.
     A table without times is taken as one of two frames per second at least."""
     known = table.where((table.state == "confirmed") & np.isfinite(table.x_m) & np.isfinite(table.y_m))
-    ids, frames = len(np.unique(known.track_id)), len(np.unique(known.frame))
-    heights, speeds, found = list[float](), list[float](), list[str]()
+    ids = len(np.unique(known.track_id))
+    frames = len(np.unique(known.frame))
+    heights = list[float]()
+    speeds = list[float]()
+    found = list[str]()
     times = known.frame * frame_period_s(known, PERSON_S)
     for _, rows in rows_by_id(known.track_id):
         rows = rows[np.unique(times[rows] // PERSON_S, return_index=True)[1]]  # longer than positions flicker

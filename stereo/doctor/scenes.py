@@ -17,7 +17,8 @@ from calib.types import F32, U8, AnyArray
 from stereo.depth import RectifiedGeometry, back_project
 from stereo.floor import FITTED_STEP_PX, FloorSearch, floor_in, moved_patches
 
-NEAREST_M, FARTHEST_M = 0.4, 20.0
+NEAREST_M = 0.4
+FARTHEST_M = 20.0
 """Median depth of views with people in them [m]; other readings of depth need no search for a floor."""
 CAMERA_M = 2.5
 """Median height of cameras above floors [m]."""

@@ -135,7 +135,9 @@ def _array(message: ImageMessage, kind: str, channels: int) -> AnyArray:
     """(H, W) or (H, W, channels) values without what pads the rows; refuses a size that the data does not hold."""
     dtype = np.dtype((">" if message.bigendian else "<") + kind)
     used = message.width * channels * dtype.itemsize
-    height, step, held = message.height, message.step, len(message.data)
+    height = message.height
+    step = message.step
+    held = len(message.data)
     if not (message.width > 0 and height > 0 and message.width * height <= MAX_PIXELS):
         raise UnreadableError(f"an image of {size_text((message.width, height))} pixels")
     if held == used * height:
@@ -178,7 +180,10 @@ def _rvl(data: bytes) -> AnyArray:
     starts = np.flatnonzero(first)
     place = np.arange(len(groups)) - starts[np.cumsum(first) - 1]
     values = np.add.reduceat((groups & 7) << (3 * np.minimum(place, 12)), starts)
-    depth, done, at, last = np.zeros(width * height, np.uint16), 0, 0, 0
+    depth = np.zeros(width * height, np.uint16)
+    done = 0
+    at = 0
+    last = 0
     while done < len(depth):
         zeros, count = values[at : at + 2].tolist()
         steps = values[at + 2 : at + 2 + count]
@@ -186,5 +191,7 @@ def _rvl(data: bytes) -> AnyArray:
             raise ValueError("less data than the size announces")
         run = last + np.cumsum((steps >> 1) ^ -(steps & 1))
         depth[done + zeros : done + zeros + count] = run & 0xFFFF
-        done, at, last = done + zeros + count, at + 2 + count, int(run[-1]) if count else last
+        done = done + zeros + count
+        at = at + 2 + count
+        last = int(run[-1]) if count else last
     return depth.reshape(height, width)

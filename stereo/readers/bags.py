@@ -108,7 +108,8 @@ def rig_of(bag: Bag, topics: tuple[str, str], size: Size, rectified: bool) -> St
             other = f"no transform from {first.frame} to {second.frame} in /{where}"
             other = f"both camera_info in the frame {first.frame!r}" if first.frame == second.frame else other
             raise InputError(f"{bag.path}: expected a baseline, found none in P and {other}", remedy="calibration")
-        pose, source = found, f"{source} and {where}"
+        pose = found
+        source = f"{source} and {where}"
     if not left.size == right.size == size and any(region_of(info.fields) for info in infos):
         own = f"{size_text(left.size)}, the region of interest in camera_info"
         raise InputError(f"{bag.path}: expected images of {own}, found {size_text(size)}")
@@ -243,7 +244,8 @@ def _is_registered(bag: Bag, names: tuple[str, str]) -> tuple[bool, tuple[str, .
 
 
 def _rgbd_rig(bag: Bag, names: tuple[str, str], sizes: tuple[Size, Size], registered: bool) -> RgbdRig:
-    image, source = info_of(bag, names[0]), f"camera_info of {bag.path.name}"
+    image = info_of(bag, names[0])
+    source = f"camera_info of {bag.path.name}"
     rig = RgbdRig(_camera(bag, image, is_rectified(names[0]))[0], source=source)
     if not registered:
         depth = info_of(bag, names[1])

@@ -175,7 +175,9 @@ def rgbd_layout(
     def opened() -> Recording[DepthCamera]:
         from stereo.rgbd import DepthRegistration  # its kernels: only images with depth need numba here
 
-        found, depth, own = rig(), depths.size, list(remarks)
+        found = rig()
+        depth = depths.size
+        own = list(remarks)
         if found.depth_camera is None and images.size != depth:
             own.append(f"depth of {size_text(depth)} without a calibration of its own counts as registered")
             found = replace(found, depth_camera=found.camera.scaled(*depth))
@@ -184,7 +186,8 @@ def rgbd_layout(
             depths.pixels.units_per_m = found.units_per_m
         folder = path if path.is_dir() else path.parent
         units = depths.pixels if isinstance(depths.pixels, Depths) else None
-        registration, pose = DepthRegistration(found), world_pose(folder)
+        registration = DepthRegistration(found)
+        pose = world_pose(folder)
         head = DepthCamera(found.camera, found.source, sensor, registration, pose, units, found.depth_camera)
         return Recording(path, together(images, depths), images.n_frames, clock, own, head)
 
@@ -260,7 +263,8 @@ def world_pose(folder: Path) -> SE3 | None:
 def same_size(a: FrameSource, b: FrameSource, left: Path | str, right: Path | str) -> Size:
     """The size of two sources."""
     if a.size != b.size:
-        expected, found = size_text(a.size), size_text(b.size)
+        expected = size_text(a.size)
+        found = size_text(b.size)
         raise InputError(f"{right}: expected images as large as {Path(left).name}'s {expected}, found {found}")
     return a.size
 

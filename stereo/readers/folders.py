@@ -83,7 +83,8 @@ def images_there(pairs: Sequence[Pair]) -> list[Path | None]:
 def _sides(path: Path) -> Sides | None:
     if not path.is_dir():
         return None
-    left, right = path / "left", path / "right"
+    left = path / "left"
+    right = path / "right"
     if left.is_dir() and right.is_dir():
         return in_folders(left, right)
     folders = one_of_each([f for f in entries(path) if f.is_dir()])

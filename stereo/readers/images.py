@@ -74,7 +74,8 @@ def is_grey(image: U8) -> bool:
     """
     if image.ndim == 2:
         return True
-    green, most = image[..., 1], 4  # [grey levels]: codecs that store YUV round a little
+    green = image[..., 1]  # [grey levels]: codecs that store YUV round a little
+    most = 4
     difference = max(int(cv2.absdiff(image[..., c], green).max()) for c in (0, 2))
     return int(np.ptp(green)) > 4 * most and difference <= most
 
@@ -137,7 +138,8 @@ class Images:
         files: that hold them.
     """
 
-    fps, raw = math.nan, False
+    fps = math.nan
+    raw = False
 
     def __init__(
         self,
@@ -149,7 +151,9 @@ class Images:
         sample: Iterable[Stored],
         files: Sequence[Path],
     ) -> None:
-        first, self.n_frames, why = None, len(places), ""
+        first = None
+        self.n_frames = len(places)
+        why = ""
         for one in sample:
             if not (refused := _refusal(one, pixels)):
                 first = one
@@ -158,8 +162,12 @@ class Images:
         if first is None or isinstance(first, UnreadableError):
             raise InputError(f"{where}: expected {pixels.name}, found none of {self.n_frames} that can be read{why}")
         pixels.prepare(first)
-        self.size, self.pixels = (first.shape[1], first.shape[0]), pixels
-        self._places, self._read, self._name, self.files = places, read, name, files
+        self.size = (first.shape[1], first.shape[0])
+        self.pixels = pixels
+        self._places = places
+        self._read = read
+        self._name = name
+        self.files = files
 
     def stream(self, name: str, n_frames: int, times_s: F64 | None = None) -> Stream:
         """What is found of this camera (see ``Stream``)."""
@@ -176,7 +184,8 @@ class Images:
             if place < 0:
                 yield Decoded(index, None, None, "image is missing")
                 continue
-            stored, why = next(values), ""
+            stored = next(values)
+            why = ""
             if refused := _refusal(stored, self.pixels):
                 why = f"{self._name(place)} cannot be decoded: {refused}"
             elif not isinstance(stored, UnreadableError) and (found := (stored.shape[1], stored.shape[0])) != self.size:
@@ -195,7 +204,8 @@ def _refusal(stored: Stored, pixels: Colour | Depths) -> str:
 def images_of(files: Sequence[Path | None], pixels: Colour | Depths) -> Images:
     """Frames as files; None stands for a file that is missing."""
     decoded = decode_image if isinstance(pixels, Colour) else partial(decode, flags=cv2.IMREAD_UNCHANGED)
-    paths, there = [file or Path() for file in files], [file for file in files if file]
+    paths = [file or Path() for file in files]
+    there = [file for file in files if file]
     return Images(
         str(there[0].parent if there else Path()),
         [i if file else -1 for i, file in enumerate(files)],
@@ -260,10 +270,12 @@ def decode(data: bytes, flags: int) -> AnyArray:
     """The image as OpenCV decodes it, or UnreadableError; the size in its header is checked before memory is taken."""
     if strange := next((what for start, what in _STRANGE if start.match(data)), None):
         raise UnreadableError(strange)
-    image, why = None, "no image that OpenCV reads"
+    image = None
+    why = "no image that OpenCV reads"
     with suppress(Exception):  # libraries raise whatever a damaged file provokes
         with Image.open(BytesIO(data)) as header:
-            size, why = header.size, f"a damaged {header.format}, or an unusual kind of it"
+            size = header.size
+            why = f"a damaged {header.format}, or an unusual kind of it"
             fits = size[0] * size[1] <= MAX_PIXELS
             pages = _pages(header) if fits else 1
         if not fits:

@@ -31,7 +31,10 @@ class LiveSource:
     """Images of a device or an address from now on (a ``FrameSource`` without a known end). Their times are those of
     the stream while these increase, else when they came."""
 
-    n_frames, fps, raw, is_grey = 0, NOMINAL_FPS, False, False
+    n_frames = 0
+    fps = NOMINAL_FPS
+    raw = False
+    is_grey = False
     files: Sequence[Path] = ()
 
     def __init__(self, address: str) -> None:
@@ -56,7 +59,9 @@ class LiveSource:
         try:
             if not capture.isOpened():
                 raise InputError(f"{self.name}: expected a camera or a stream, found nothing that answers")
-            start_s, first_s, last_s = time.monotonic(), 0.0, -1.0
+            start_s = time.monotonic()
+            first_s = 0.0
+            last_s = -1.0
             for index in count():
                 found, image = capture.read()
                 if not found or image is None:
@@ -80,8 +85,10 @@ def _find(path: Path, options: OpenOptions) -> Layout:
     sources = [LiveSource(address) for address in addresses(path)]
     if len(sources) > 2:
         raise InputError(f"{path}: expected one or two cameras, found {len(sources)}")
-    first, second = sources[0], sources[-1]
-    named, calibration = Path(",".join(source.name for source in sources)), options.calibration
+    first = sources[0]
+    second = sources[-1]
+    named = Path(",".join(source.name for source in sources))
+    calibration = options.calibration
     folder = calibration or Path("no-calibration")
     folder = folder.parent if folder.is_file() else folder  # with the world.toml
 

@@ -117,7 +117,8 @@ def holds_pair(path: Path, options: OpenOptions | None = None) -> bool:
 def find_layout(path: Path | str, options: OpenOptions | None = None) -> tuple[base.Reader, base.Layout]:
     """What is at a path; no calibration is needed yet. Raises InputError: no recording there, unreadable, or sides that
     differ in size."""
-    path, options = Path(path), options or OpenOptions()
+    path = Path(path)
+    options = options or OpenOptions()
     two = base.Reader("two-paths", "two recordings of one camera each", lambda path: False, _two_paths)
     reader = two if options.right is not None else find_reader(path)
     if options.topics and reader is not BAG:
@@ -150,7 +151,8 @@ def open_video(path: Path | str, options: OpenOptions | None = None) -> Recordin
     """Open a single-camera recording: a video file, or a folder of images (and timestamps.csv); the options may give a
     rate in place of the recording's own times. Raises InputError: nothing there, not a video or images, or options that
     only recordings with depth have."""
-    path, options = Path(path), options or OpenOptions()
+    path = Path(path)
+    options = options or OpenOptions()
     if not path.exists():
         raise missing(path)
     if options.topics:
@@ -221,8 +223,11 @@ class SeveralHeads:
         options: OpenOptions | None = None,
     ) -> None:
         """``options`` are what every head was opened with."""
-        self.path, self.parts, self.starts_s = path, tuple(parts), tuple(starts_s)
-        self.notes, self.options = list[str](), options or OpenOptions()
+        self.path = path
+        self.parts = tuple(parts)
+        self.starts_s = tuple(starts_s)
+        self.notes = list[str]()
+        self.options = options or OpenOptions()
         self.fps = min(part.fps for part in parts)
         self._first_s = min(starts_s)
         ends = [s - self._first_s + part.n_frames / part.fps for part, s in zip(parts, starts_s, strict=True)]
@@ -263,7 +268,8 @@ class _Stream:
     """A head's frames with one read ahead."""
 
     def __init__(self, frames: Generator[Frame[Shot], None, None], start_s: float, period_s: float) -> None:
-        self._frames, self._start_s = frames, start_s
+        self._frames = frames
+        self._start_s = start_s
         self.period_s = period_s
         self.next: Frame[Shot] | None = next(frames, None)
 
@@ -274,7 +280,8 @@ class _Stream:
 
     def take(self, period_s: float) -> Shot | None:
         """The shot of the next frame; those after it that come too soon for the common period are passed over."""
-        frame, soonest = self.next, self.time_s + period_s - self.period_s / 2
+        frame = self.next
+        soonest = self.time_s + period_s - self.period_s / 2
         self.next = next(self._frames, None)
         while self.next is not None and self.time_s < soonest:
             self.next = next(self._frames, None)
@@ -297,14 +304,18 @@ def moments(streams: Sequence[_Stream], period_s: float) -> Iterator[Frame[Shot]
 def open_rigs(path: Path, fps: float | None = None) -> SeveralHeads:
     """Open the recording of every head that ``rigs.toml`` lists, with ``fps`` in place of their own times where it is
     given. Raises InputError: one that cannot be opened, or has no times."""
-    file, options = rigs_file(path), OpenOptions(fps=fps)
-    folder, parts, starts_s = file.parent, [], []
+    file = rigs_file(path)
+    options = OpenOptions(fps=fps)
+    folder = file.parent
+    parts = []
+    starts_s = []
     for entry in load_rigs(file):
         if not (folder / entry.folder).exists():
             raise InputError(f"{folder}: expected a recording in {entry.folder!r}, found nothing there")
         part = open_any(folder / entry.folder, options)
         refuse_untimed(part)
-        part.name, part.head = entry.folder, replace(part.head, world_SE3_left=entry.world_SE3_left)
+        part.name = entry.folder
+        part.head = replace(part.head, world_SE3_left=entry.world_SE3_left)
         parts.append(part)
         starts_s.append(entry.start_s)
     return SeveralHeads(folder, parts, starts_s, options)

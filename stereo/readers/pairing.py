@@ -240,9 +240,11 @@ def _ahead(left_ns: I64, right_ns: I64, tolerance_ns: float) -> int:
 
 def _mates(left_ns: I64, right_ns: I64, tolerance_ns: float) -> tuple[I64, I64]:
     """Position of each frame's mate in the other camera, -1 without one; mates are nearest to each other."""
-    left_mate, right_mate = np.full(len(left_ns), -1), np.full(len(right_ns), -1)
+    left_mate = np.full(len(left_ns), -1)
+    right_mate = np.full(len(right_ns), -1)
     if len(left_ns) and len(right_ns):
-        to_right, to_left = _nearest(left_ns, right_ns), _nearest(right_ns, left_ns)
+        to_right = _nearest(left_ns, right_ns)
+        to_left = _nearest(right_ns, left_ns)
         near = np.abs(left_ns - right_ns[to_right]) <= tolerance_ns
         mutual = near & (to_left[to_right] == np.arange(len(left_ns)))
         left_mate[mutual] = to_right[mutual]

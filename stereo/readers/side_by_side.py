@@ -61,7 +61,8 @@ class Packing(NamedTuple):
         return np.asarray(first, dtype=np.uint8), np.asarray(second, dtype=np.uint8)
 
 
-FEATURES, SEARCH_PX = 150, 24
+FEATURES = 150
+SEARCH_PX = 24
 """Corners tried in a view, and how far apart rows of cameras that are not rectified may be [px of 320]."""
 
 

@@ -242,7 +242,8 @@ def _positions(rows: TimedRows, ns: I64, numbers: I64, there: I64) -> tuple[I64,
     """The frame to which each row belongs, and a note: its frames may be numbered as the images are, from 0, from 1, or
     by a camera's counter. Raises InputError: none of these."""
     frames = np.arange(len(ns)) if rows.frames is None else np.array(rows.frames, dtype=np.int64)
-    first, last = int(frames.min()), int(frames.max())
+    first = int(frames.min())
+    last = int(frames.max())
     is_run = last - first == len(frames) - 1
     same_names = bool(np.isin(frames, numbers).all())
     if len(frames) == len(there) and (is_run or not same_names):

@@ -192,7 +192,9 @@ def _unopened(path: Path) -> str:
 
 def boxes(path: Path) -> dict[bytes, tuple[int, int]]:
     """Place and length [bytes] of the outer boxes of an MP4 or MOV file, by type."""
-    found, at, size = {}, 0, path.stat().st_size
+    found = {}
+    at = 0
+    size = path.stat().st_size
     with path.open("rb") as file:
         while at + 8 <= size:
             file.seek(at)
@@ -279,7 +281,8 @@ class _PlacedVideo:
     ascending; -1 where the camera lost it."""
 
     def __init__(self, video: VideoFile, places: I64) -> None:
-        self._video, self._places = video, places
+        self._video = video
+        self._places = places
 
     def __iter__(self) -> Iterator[Decoded]:
         return self._placed(range(len(self._places)), iter(self._video))
@@ -304,7 +307,8 @@ def video_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenO
     for video in (left, right):
         if is_depth(video):
             raise InputError(f"{video}: {DEPTH_IN_VIDEO}")
-    a, b = VideoFile(left), VideoFile(right)
+    a = VideoFile(left)
+    b = VideoFile(right)
     size = base.same_size(a, b, left, right)
     rig = partial(load_rig, options.calibration or folder, size)
     notes: list[str] = []

@@ -107,7 +107,8 @@ def png_bytes(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-WIDTH_PX, HEIGHTS_PX = 900, (450, 1150)
+WIDTH_PX = 900
+HEIGHTS_PX = (450, 1150)
 """Size of a floor, its height as the floor's shape asks [px]."""
 HEAT_CELL_M = 0.2
 """Side of a heat map's cell: about a footstep's uncertainty [m]."""
@@ -139,7 +140,8 @@ def stretches(person: I64, frame: I64, value: I64 | Bool) -> tuple[I64, I64]:
 def floor_plot(run: RunFolder) -> bytes:
     """Tracks on the floor, thin where lost, with arrows where people face, over the truth in black, with the cameras,
     their views, and the rules."""
-    painter, tracks = _painter(run), placed(run.tracks)
+    painter = _painter(run)
+    tracks = placed(run.tracks)
     truth = placed(run.truth) if run.truth is not None else None
     picture = painter.paper.copy()
     for rows in (tracks,) if truth is None else (truth, tracks):
@@ -155,7 +157,8 @@ def floor_plot(run: RunFolder) -> bytes:
             paint_facing(picture, person, painter.px(line), as_bgr(person_rgb(person.track_id)), 1)
     # A dot where each track begins, a square where it ends.
     ids, first, counts = np.unique(tracks.track_id, return_index=True, return_counts=True)
-    begin, end = at[first], at[first + counts - 1]
+    begin = at[first]
+    end = at[first + counts - 1]
     for track_id, dot, square in zip(ids.tolist(), begin, end, strict=True):
         colour = as_bgr(person_rgb(track_id))
         cv2.circle(picture, dot.tolist(), 4, colour, -1, cv2.LINE_AA)
@@ -179,7 +182,8 @@ def heat_plot(xy_m: F64, run: RunFolder) -> tuple[bytes, float]:
     a cell [s]."""
     painter = _painter(run)
     height, width = painter.paper.shape[:2]
-    side_px, at = max(1.0, HEAT_CELL_M * painter.scale), painter.px(xy_m)
+    side_px = max(1.0, HEAT_CELL_M * painter.scale)
+    at = painter.px(xy_m)
     edges = [np.arange(0.0, size + side_px, side_px) for size in (height, width)]
     cells = run.clock.frame_s * np.histogram2d(at[:, 1], at[:, 0], edges)[0]
     seconds = cv2.GaussianBlur(cells, (0, 0), 0.7)
@@ -206,7 +210,8 @@ def template_plot(run: RunFolder) -> bytes | None:
     from planview.engine.open import open_engine
 
     # Only the maps are of use: the template tracker is the one that costs little.
-    engine, middle = open_engine(maps, "template"), run.tracks.where(np.array([mine[len(mine) // 2] for mine in rows]))
+    engine = open_engine(maps, "template")
+    middle = run.tracks.where(np.array([mine[len(mine) // 2] for mine in rows]))
     figure = Figure(figsize=(0.75 * len(rows) + 0.3, 1.9), layout="constrained")
     axes = figure.subplots(2, len(rows), squeeze=False)
     for frame in takewhile(lambda frame: frame.index <= middle.frame.max(), engine.recording):
@@ -230,7 +235,8 @@ ROWS_MAX = 60
 
 def identity_pictures(run: RunFolder, errors: Sequence[SignificantError]) -> list[Picture]:
     """A row per track, then a row per true person, with a triangle for each error."""
-    shown, truth = run.tracks.where(run.tracks.state != "tentative"), run.truth
+    shown = run.tracks.where(run.tracks.state != "tentative")
+    truth = run.truth
     if not len(shown):
         return []
     marks = [(error.track_id, error) for error in errors if error.truth_id is None]
@@ -275,7 +281,8 @@ def _bars(
     row_of = {one: row for row, one in enumerate(shown)}
     figure, axes = new_figure(12.0, 0.8 + 0.19 * len(shown))
     first, last = stretches(person, frame, 2 * track + thin)
-    begin, end = clock.at(frame[first]), clock.at(frame[last] + 1)
+    begin = clock.at(frame[first])
+    end = clock.at(frame[last] + 1)
     for i, n in enumerate(first.tolist()):
         if (row := row_of.get(int(person[n]))) is not None:
             colour = "#c9ced8" if track[n] == UNHELD else person_hex(int(track[n]))

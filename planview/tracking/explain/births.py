@@ -41,7 +41,8 @@ SEARCH_PRIOR = loose_prior(body.TORSO.torso_radius_m, 1.0)
 """Prior of a search: the place within a body's radius, and the height within a metre."""
 
 
-LACKING, CODE = 3, 4
+LACKING = 3
+CODE = 4
 """Rows of points besides x, y, z [m]: what they lack of an explanation, and their colour."""
 
 

@@ -394,7 +394,9 @@ class TemplateTracker(Carried):
 
     def debug(self) -> TrackerDebug:
         """Search zones, outlines of the templates with scores, and the templates themselves."""
-        searches, outlines, labels = [], [], []
+        searches = []
+        outlines = []
+        labels = []
         tiles: dict[str, F32] = {}
         for person in self._people:
             name = person.existence.track_id
