@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
-from types import MappingProxyType
 from typing import Any, cast
 
 import cv2
@@ -25,7 +24,7 @@ from stereo.recording import DepthCamera, Frame, Pair, Recording, Shot
 from stereo.rectify import Rectified, Rectifier, RectifyParams, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
 from stereo.rig_correction import RigCorrection, match_corners
-from stereo.viewpoint import Viewpoints, of_one_viewpoint
+from stereo.viewpoint import ONE_VIEW, SpreadView, Viewpoints, view_of_most
 
 SETUP_FRAMES = 24
 """Frames, spread over a recording, in which floor and rig are measured."""
@@ -73,7 +72,7 @@ class PairFrames:
         rectifier: of the corrected calibration.
         correction: of the calibration, in pixels of the rectifier's images.
         searched: disparities from infinity to ``range.nearest_m``.
-        elsewhere: index of each other frame in which a camera looks elsewhere, and how, in words.
+        view: where the cameras look over the recording, by index of its frames.
     """
 
     def __init__(
@@ -81,10 +80,10 @@ class PairFrames:
         rig: StereoRig,
         frames: Sequence[Frame[Shot]],
         search: FloorSearch | None = None,
-        elsewhere: Mapping[int, str] = MappingProxyType({}),
+        view: SpreadView = ONE_VIEW,
     ) -> None:
         self.frames = frames
-        self.elsewhere = elsewhere
+        self.view = view
         self._rig = rig
         self._search = search or FloorSearch()
         self.rectifier, self.correction = aligned_rectifier(rig, frames, self._search.rectify)
@@ -182,8 +181,8 @@ class DepthFrames:
         self.searched = self.rectifier.disparities()
 
     @cached_property
-    def _seen(self) -> tuple[list[Frame[Shot]], dict[int, str]]:
-        return _of_one_view(self._recording, self._search.frames)
+    def _seen(self) -> tuple[list[Frame[Shot]], SpreadView]:
+        return frames_of_one_view(self._recording, self._search.frames)
 
     @property
     def frames(self) -> list[Frame[Shot]]:
@@ -191,8 +190,8 @@ class DepthFrames:
         return self._seen[0]
 
     @property
-    def elsewhere(self) -> Mapping[int, str]:
-        """Index of each other frame in which the camera looks elsewhere, and how, in words."""
+    def view(self) -> SpreadView:
+        """Where the camera looks over the recording, by index of its frames."""
         return self._seen[1]
 
     @property
@@ -242,8 +241,8 @@ def spread_frames(
 ) -> PairFrames | DepthFrames:
     """Frames spread over a recording, in which its floor is measured. Raises WorkError: none can be used."""
     if isinstance(recording.head, Pair):
-        frames, elsewhere = _of_one_view(recording, (search or FloorSearch()).frames)
-        return PairFrames(recording.head.rig, frames, search, elsewhere)
+        frames, view = frames_of_one_view(recording, (search or FloorSearch()).frames)
+        return PairFrames(recording.head.rig, frames, search, view)
     return DepthFrames(cast(Recording[DepthCamera], recording), search)
 
 
@@ -379,15 +378,15 @@ def moved_patches(grids: Sequence[F32]) -> list[F64]:
 
 def setup_frames(recording: Recording[Any], count: int = SETUP_FRAMES) -> list[Frame[Shot]]:
     """Usable frames spread over a recording, of the view that most of them show. Raises WorkError: there is none."""
-    return _of_one_view(recording, count)[0]
+    return frames_of_one_view(recording, count)[0]
 
 
-def _of_one_view(recording: Recording[Any], count: int) -> tuple[list[Frame[Shot]], dict[int, str]]:
-    """``setup_frames``, and of the frames with another view the index, and which camera has moved in it."""
-    frames, head = recording.sample(count), recording.head
+def frames_of_one_view(recording: Recording[Any], count: int) -> tuple[list[Frame[Shot]], SpreadView]:
+    """``setup_frames``, and where the cameras look over the recording, by index of its frames."""
+    frames = recording.sample(count)
     if not frames:
         raise WorkError(f"{recording.path}: none of {recording.n_frames} frames can be used")
-    if not isinstance(head, Pair | DepthCamera):
-        return frames, {}
-    usual, others = of_one_viewpoint([frame.images for frame in frames], head.camera.fx / head.camera.width)
-    return [frames[number] for number in usual], {frames[number].index: how for number, how in others.items()}
+    view = view_of_most([frame.images for frame in frames], recording.head.focal_widths)
+    usual = [frames[number] for number in view.usual]
+    elsewhere = {frames[number].index: how for number, how in view.elsewhere.items()}
+    return usual, view._replace(usual=[frame.index for frame in usual], elsewhere=elsewhere)

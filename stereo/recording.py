@@ -182,6 +182,11 @@ class Pair:
         return self.rig.left
 
     @property
+    def focal_widths(self) -> float:
+        """Focal length of the left camera in widths of its image."""
+        return self.camera.fx / self.camera.width
+
+    @property
     def source(self) -> str:
         """Where the calibration came from, for messages and run.json."""
         return self.rig.source
@@ -218,6 +223,11 @@ class DepthCamera:
         """See ``Pair``."""
         return [self.camera, self.sensor]
 
+    @property
+    def focal_widths(self) -> float:
+        """Focal length in widths of the image."""
+        return self.camera.fx / self.camera.width
+
     def shot(self, image: AnyArray, depth_m: AnyArray) -> Shot:
         """Of an image and depth as decoded."""
         return image, self.registration(depth_m)
@@ -228,6 +238,8 @@ class OneCamera:
     """A camera without depth, whose images are (width, height) [px] large."""
 
     size: tuple[int, int]
+    focal_widths: ClassVar = 1.0
+    """Focal length of a camera without calibration, in widths of its image: a view of 53 degrees."""
     sides: ClassVar = ("",)
     identity: ClassVar[list[Any]] = []
 

@@ -1,14 +1,17 @@
-"""Whether cameras still look where they looked before: corners of the background, followed in every image.
+"""Where cameras look, compared with where they looked before.
 
-People hide some corners, and other light loses some; what is left either stays, or moves as one picture does when its
-camera rotates. The explanation that more corners bear out is taken, and none where too few are left to say.
+A view is the same, another one, or not known. Corners of the background are followed from image to image: people hide
+some, other light loses some, and the others stay or move as one picture does when its camera rotates or zooms. An image
+that shows too little of the view is compared with the image before, so that a scene may change bit by bit. A rotation
+that lasts is a move; one that comes and goes about one mean is shaking.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -24,6 +27,12 @@ BLOCK_PX = 20
 """Side of the blocks of which each gives its strongest corner."""
 CORNER_MIN = 1e-4
 """Smallest eigenvalue of the structure tensor (luma from 0 to 1, 5x5 window) of a corner that can be followed."""
+WINDOW_PX = 11
+"""Side of what is compared around a corner."""
+LIGHT_PX = 31
+"""Side of the surroundings whose light is taken out in a wide search: smooth shapes stay."""
+LEVEL_NOISE = 4.0
+"""Deviation of luma that is noise as much as texture [levels of 255]."""
 STAYED_PX = 0.35
 """A corner within this distance of its place has stayed, or moved along: what noise and coding move it."""
 SHOWN_SHARE = 0.2
@@ -32,148 +41,376 @@ STAYED_SHARE = 0.3
 """Share of the corners that stay by which a camera has without doubt."""
 CORNERS_MIN = 20
 """Fewest corners that must."""
+TEXTURED_SHARE = 0.5
+"""Least share of the blocks with a corner before an image is taken for a view: on a plain wall all texture is people's,
+and light or a cover hides most of a view."""
 BOTH_DEG = 0.5
 """Rotation of the cameras together beyond which what they show is in a false place [degrees]: 4 cm at 5 m; a mast in
 the wind sways by less."""
 APART_DEG = 0.1
 """Rotation of one camera of a pair against the other [degrees]: 1 px of 640 at a usual lens, a tenth of the depth at
 5 m."""
+LOOK_S = 0.25
+"""Time between two comparisons [s]."""
+LASTING_S = 1.0
+"""Time over which rotations are averaged, and in which a view stands still that has settled [s]: masts shake faster."""
+HIDDEN_S = 3.0
+"""Time for which nothing of a view shows, but something that stands still, after which it is another one [s]: people
+close to a camera do not stand as still, and it adapts to light sooner."""
+ROUNDED_S = 5e-4
+"""Slack of intervals [s]: time stamps are rounded."""
+UNREST_DEG = 0.25
+"""A view in which nothing rotates by more stands still [degrees]."""
+LOOKS_MIN = 3
+"""Fewest comparisons that are averaged."""
+NEAR_SHOTS = 2
+"""Shots before and after one, of those spread over a recording, with which its rotation is averaged."""
 _FOLLOWED: dict[str, Any] = {
-    "winSize": (11, 11),
+    "winSize": (WINDOW_PX, WINDOW_PX),
     "criteria": (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 10, 0.03),
 }
 """How corners are followed (pyramidal Lucas-Kanade, Bouguet 2001)."""
 
 
 class Viewpoint:
-    """The corners of what one camera shows, by (H, W[, 3]) uint8 images of it."""
+    """The corners of what one camera shows, by (H, W[, 3]) uint8 images of it.
+
+    Attributes:
+        is_textured: there are corners all over the image.
+    """
 
     def __init__(self, images: Sequence[U8]) -> None:
-        self._shown = median_image([_small(image) for image in images]).astype(np.uint8)
-        strength = cv2.cornerMinEigenVal(self._shown.astype(np.float32) / 255.0, 5)
+        shown = median_image([_small(image) for image in images]).astype(np.uint8)
+        self._shown = _even(shown, LIGHT_PX)
+        self._details = _even(shown, WINDOW_PX)
+        strength = cv2.cornerMinEigenVal(shown.astype(np.float32) / 255.0, 5)
         rows, columns = (size // BLOCK_PX for size in strength.shape)
         whole = strength[: rows * BLOCK_PX, : columns * BLOCK_PX].reshape(rows, BLOCK_PX, columns, BLOCK_PX)
         blocks = whole.swapaxes(1, 2).reshape(rows * columns, -1)
         best, block = blocks.argmax(axis=1), np.arange(rows * columns)
         places = block % columns * BLOCK_PX + best % BLOCK_PX, block // columns * BLOCK_PX + best // BLOCK_PX
-        self._corners: F32 = np.column_stack(places)[blocks.max(axis=1) >= CORNER_MIN].astype(np.float32)
+        textured = blocks.max(axis=1) >= CORNER_MIN
+        self.is_textured = float(textured.mean()) >= TEXTURED_SHARE
+        self._corners: F32 = np.column_stack(places)[textured].astype(np.float32)
+        self._least = max(CORNERS_MIN, SHOWN_SHARE * len(self._corners))
 
-    def rotation(self, image: U8, focal_px: float) -> F64 | None:
-        """(3,) float64 angles [rad] to the right, down and about the optical axis by which the camera of an image has
-        rotated; zeros where it has not, None where too little of the view shows. ``focal_px`` is that at ``WIDTH_PX``.
+    def turn(self, image: U8, focal_px: float) -> F64 | None:
+        """(4,) float64 angles [rad] about its x, y and z axis by which the camera of an image has rotated, and the
+        logarithm of its zoom; zeros where it has not moved, None where too little of the view shows.
+
+        ``focal_px``: focal length in an image of width ``WIDTH_PX``.
         """
-        still, now, corners = np.zeros(3), _small(image), self._corners
-        least = max(CORNERS_MIN, SHOWN_SHARE * len(corners))
-        if len(corners) < least:
+        if len(self._corners) < self._least:
             return None
-        if self._stay(now):
-            return still
-        there, found, _ = cv2.calcOpticalFlowPyrLK(self._shown, now, corners, corners.copy(), **_FOLLOWED)
-        back, again, _ = cv2.calcOpticalFlowPyrLK(now, self._shown, there, there.copy(), **_FOLLOWED)
-        known = (found[:, 0] > 0) & (again[:, 0] > 0) & (np.hypot(*(back - corners).T) < STAYED_PX)
-        if known.sum() < least:
-            return None
-        moves, along = cv2.estimateAffinePartial2D(corners[known], there[known], ransacReprojThreshold=STAYED_PX)
-        stayed = (np.hypot(*(there - corners)[known].T) < STAYED_PX).sum()
-        if moves is None or along.sum() < max(least, 2 * stayed):
-            return still if stayed >= least else None
-        # The middle of the image moves against the camera.
-        middle = 0.5 * np.array(now.shape[::-1])
-        shift = (moves[:, :2] @ middle + moves[:, 2] - middle) / focal_px
-        turn = math.atan2(moves[1, 0], moves[0, 0])
-        return np.array([-math.atan(shift[0]), -math.atan(shift[1]), -turn])
+        small = _small(image)
+        if self._stays(_even(small, WINDOW_PX)):
+            return np.zeros(4)
+        now = _even(small, LIGHT_PX)
+        turn = self._follow(now, focal_px, np.zeros(2))
+        if turn is None:
+            window = cv2.createHanningWindow(now.shape[::-1], cv2.CV_32F)
+            shift, _ = cv2.phaseCorrelate(self._shown.astype(np.float32), now.astype(np.float32), window)
+            turn = self._follow(now, focal_px, np.array(shift))
+        return turn
 
-    def _stay(self, now: U8) -> bool:
-        """Whether every second corner shows, without a wide search, that the camera has not moved: so it is in nearly
-        all frames, and that costs a tenth of the time."""
+    def _stays(self, now: U8) -> bool:
+        """Whether every second corner shows, without a wide search, that the camera has not moved."""
         corners = np.ascontiguousarray(self._corners[::2])
-        there, found, _ = cv2.calcOpticalFlowPyrLK(self._shown, now, corners, corners.copy(), maxLevel=0, **_FOLLOWED)
+        there, found, _ = cv2.calcOpticalFlowPyrLK(self._details, now, corners, corners.copy(), maxLevel=0, **_FOLLOWED)
         stayed = (found[:, 0] > 0) & (np.hypot(*(there - corners).T) < STAYED_PX)
         return bool(stayed.mean() >= STAYED_SHARE)
 
+    def _follow(self, now: U8, focal_px: float, shift_px: F64) -> F64 | None:
+        """``turn``, from where the corners are that moved by about a shift."""
+        corners = self._corners
+        guess = shift_px.astype(np.float32)
+        how: dict[str, Any] = _FOLLOWED | {"flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
+        there, found, _ = cv2.calcOpticalFlowPyrLK(self._shown, now, corners, corners + guess, **how)
+        back, again, _ = cv2.calcOpticalFlowPyrLK(now, self._shown, there, there - guess, **how)
+        followed = (found[:, 0] > 0) & (again[:, 0] > 0) & (np.hypot(*(back - corners).T) < STAYED_PX)
+        if followed.sum() < self._least:
+            return None
+        homography, along = cv2.findHomography(corners[followed], there[followed], cv2.RANSAC, STAYED_PX)
+        stayed = (np.hypot(*(there - corners)[followed].T) < STAYED_PX).sum()
+        if homography is None or along.sum() < max(self._least, 2 * stayed):
+            return np.zeros(4) if stayed >= self._least else None
+        height, width = now.shape
+        pinhole = np.array([[focal_px, 0.0, 0.5 * width], [0.0, focal_px, 0.5 * height], [0.0, 0.0, 1.0]])
+        moved = np.linalg.inv(pinhole) @ homography @ pinhole
+        moved /= moved[2, 2]
+        middle = moved[:2, 2]
+        around = moved[:2, :2] - np.outer(middle, moved[2, :2])  # derivative in the middle
+        roll = math.atan2(around[1, 0] - around[0, 1], around[0, 0] + around[1, 1])
+        zoom = 0.5 * math.log(max(float(np.linalg.det(around)), 1e-6))
+        # The picture moves against the camera.
+        return np.array([math.atan(middle[1]), -math.atan(middle[0]), -roll, zoom])
+
 
 class Viewpoints:
-    """Where the cameras of a head look: one, or the two of a pair, by shots of it."""
+    """Where the cameras of a head look: one, or the two of a pair, by shots of it; without shots nowhere yet.
+
+    Attributes:
+        cameras: of each the corners.
+    """
 
     def __init__(self, shots: Sequence[Sequence[AnyArray]], focal_widths: float) -> None:
         """Images are (H, W[, 3]) uint8, all rectified or all as recorded, and depth among them is passed over; the
         focal length is in widths of an image."""
-        self._focal_px = focal_widths * WIDTH_PX
-        self._cameras = [Viewpoint(images) for images in zip(*shots, strict=True) if images[0].dtype == np.uint8]
+        self.focal_widths = focal_widths
+        self.cameras = [Viewpoint(images) for images in zip(*shots, strict=True) if images[0].dtype == np.uint8]
 
-    def moved(self, shot: Sequence[AnyArray]) -> str | None:
-        """Which camera looks elsewhere in a shot, and by how much, in words; empty where none does, None where too
-        little shows to say."""
-        pairs = zip(self._cameras, shot, strict=False)
-        known = [turn for camera, image in pairs if (turn := camera.rotation(image, self._focal_px)) is not None]
-        if not known or len(known) < len(self._cameras):
-            return None
-        degrees = [math.degrees(float(np.linalg.norm(turn))) for turn in known]
-        if len(known) == 2 and math.degrees(float(np.linalg.norm(known[1] - known[0]))) > APART_DEG:
-            return (
-                f"the {'right' if degrees[1] > degrees[0] else 'left'} camera has rotated by {max(degrees):.2g} degrees"
-            )
-        if min(degrees) > BOTH_DEG:
-            return f"the camera{'s have' if len(known) == 2 else ' has'} rotated by {degrees[0]:.2g} degrees"
+    @property
+    def are_textured(self) -> bool:
+        """Whether every camera shows corners all over its image."""
+        return all(camera.is_textured for camera in self.cameras)
+
+    def turns(self, shot: Sequence[AnyArray]) -> F64 | None:
+        """(cameras, 4) float64 ``Viewpoint.turn`` of the images of a shot; None where one of them shows too little."""
+        turns = list[F64]()
+        for camera, image in zip(self.cameras, shot, strict=False):
+            turn = camera.turn(image, self.focal_widths * WIDTH_PX)
+            if turn is None:
+                return None
+            turns.append(turn)
+        return np.array(turns)
+
+
+class Sway(NamedTuple):
+    """How far a head rotates to and fro [degrees]: its cameras together, and one against the other."""
+
+    together_deg: float = 0.0
+    apart_deg: float = 0.0
+
+    @staticmethod
+    def of(turns: F64) -> Sway:
+        """How far (cameras, 4) turns are from none."""
+        together = np.linalg.norm(turns.mean(axis=0))
+        apart = np.linalg.norm(turns[-1] - turns[0])
+        return Sway(math.degrees(float(together)), math.degrees(float(apart)))
+
+    @staticmethod
+    def of_three(before: F64, between: F64, after: F64) -> Sway:
+        """How far turns that follow each other deviate from a line: even motion is no sway."""
+        return Sway.of((before - 2.0 * between + after) / math.sqrt(6.0))
+
+    def move(self, mean: F64, now: F64) -> str:
+        """Which camera looks elsewhere and by how much now, in words, from (cameras, 4) turns now and their mean over a
+        time; empty where the mean is no more than the head sways."""
+        turned = Sway.of(mean)
+        if turned.apart_deg > APART_DEG + self.apart_deg:
+            side = int(np.argmax(np.linalg.norm(mean, axis=1)))
+            return f"the {('left', 'right')[side]} camera has {_turn_words(now[side])}"
+        if turned.together_deg > BOTH_DEG + self.together_deg:
+            return f"the camera{'s have' if len(now) == 2 else ' has'} {_turn_words(now[0])}"
         return ""
 
 
-def of_one_viewpoint(shots: Sequence[Sequence[AnyArray]], focal_widths: float) -> tuple[list[int], dict[int, str]]:
-    """Numbers of the shots that show the view which most of them show, and, by number, how a camera looks elsewhere in
-    those that show another one. Shots that show too little to tell are in neither, unless no view but one shows."""
+def _turn_words(turn: F64) -> str:
+    angle = float(np.linalg.norm(turn[:3]))
+    if abs(turn[3]) > angle:
+        return f"zoomed by {abs(math.expm1(turn[3])):.1%}"
+    return f"rotated by {math.degrees(angle):.2g} degrees"
+
+
+def _another_view(cameras: int) -> str:
+    return "the cameras show another view" if cameras == 2 else "the camera shows another view"
+
+
+class SpreadView(NamedTuple):
+    """What shots that are spread over a recording show of where its cameras look.
+
+    Attributes:
+        shots: how many there are.
+        usual: numbers of the shots with the view that most of them show.
+        elsewhere: by number, how a camera looks elsewhere in those that show another view which lasts. Shots that show
+            too little to tell are in neither, unless no view but one shows.
+        sway: how far the view comes and goes.
+    """
+
+    shots: int
+    usual: list[int]
+    elsewhere: dict[int, str]
+    sway: Sway
+
+
+STANDS = Sway()
+"""Of cameras that do not sway."""
+ONE_VIEW = SpreadView(0, [], {}, STANDS)
+"""Of frames that were not compared."""
+
+
+def view_of_most(shots: Sequence[Sequence[AnyArray]], focal_widths: float) -> SpreadView:
+    """The view that most of some shots show; arguments are those of ``Viewpoints``."""
     groups = list[tuple[Viewpoints, list[int]]]()
     for number, shot in enumerate(shots):
         for viewpoints, members in groups:
-            if viewpoints.moved(shot) == "":
+            turns_of = viewpoints.turns(shot)
+            if turns_of is not None and not STANDS.move(turns_of, turns_of):
                 members.append(number)
                 break
         else:
             groups.append((Viewpoints([shot], focal_widths), [number]))
     largest = max((members for _, members in groups), key=len, default=[])
     viewpoints = Viewpoints([shots[number] for number in largest], focal_widths)
-    usual = list[int]()
+    everything = [*range(len(shots))]
+    seen = dict[int, F64]()
+    for number in everything:
+        turns_of = viewpoints.turns(shots[number])
+        if turns_of is not None:
+            seen[number] = turns_of
+    if len(seen) < 3:
+        return SpreadView(len(shots), everything, {}, STANDS)
     elsewhere = dict[int, str]()
-    for number, shot in enumerate(shots):
-        moved = "" if number in largest else viewpoints.moved(shot)
-        if moved:
-            elsewhere[number] = moved
-        elif moved == "":
+    for other, members in groups:
+        lasts = len(members) > NEAR_SHOTS and other.are_textured
+        if lasts and seen.keys().isdisjoint(members):
+            elsewhere |= dict.fromkeys(members, _another_view(len(other.cameras)))
+    turns = np.stack([*seen.values()])
+    means = np.stack([turns[max(0, k - NEAR_SHOTS) : k + NEAR_SHOTS + 1].mean(axis=0) for k in range(len(turns))])
+    sways = [Sway.of_three(*three) for three in zip(turns, turns[1:], turns[2:], strict=False)]
+    sway = Sway(*np.quantile(sways, 0.5, axis=0, method="lower").tolist())
+    usual = list[int]()
+    for (number, now), mean in zip(seen.items(), means, strict=True):
+        if not sway.move(now, now):
             usual.append(number)
-    return (usual, elsewhere) if elsewhere else ([*range(len(shots))], {})
+        elif how := sway.move(mean, now):
+            elsewhere[number] = how
+    return SpreadView(len(shots), usual if elsewhere else everything, elsewhere, sway)
 
 
 class Standing(Carried):
-    """Follows whether the cameras of a head stand where they stood when its floor was measured.
+    """Follows whether the cameras of a head look where they looked at first, or when their floor was measured.
 
     Attributes:
         moved_frames: in how many frames they did not.
         first: the first of these and its time [s]; None for none.
         how: what had moved in it, in words.
+        settled: another view than that one has stood still for LASTING_S.
     """
 
-    CARRIED = "moved_frames", "first", "how", "_is_moved"
+    CARRIED = (
+        "moved_frames", "first", "how", "settled", "_is_moved", "_looked_s", "_last", "_turns", "_since_s",
+        "_is_linked", "_sway", "_accepted",
+    )  # fmt: skip
 
     def __init__(self, viewpoints: Viewpoints) -> None:
-        self._viewpoints = viewpoints
+        """Start with the view of some viewpoints; without cameras with the first view that two shots show."""
+        self._given = viewpoints
         self.reset()
 
     def reset(self) -> None:
         """Forget all frames."""
-        self.moved_frames, self.how, self._is_moved = 0, "", False
+        self.moved_frames = 0
         self.first: tuple[int, float] | None = None
+        self.how = ""
+        self.settled = False
+        self._is_moved = False
+        self._looked_s = -math.inf
+        self._last: list[U8] = []
+        self._turns: deque[tuple[float, F64]] = deque()
+        self._since_s = 0.0  # since when turns go on
+        self._is_linked = True  # turns are from the usual view, by images in between; else from the first of another
+        self._sway = np.zeros(3)  # of the squares of the deviations, and their number
+        self._accepted: list[U8] = []
+        self._viewpoints = self._given
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Continue from a state, with the view that was accepted in it."""
+        super().set_state(state)
+        self._viewpoints = self._of(self._accepted) if self._accepted else self._given
+
+    @property
+    def sway(self) -> Sway:
+        """How far the view has come and gone so far."""
+        return Sway(*np.sqrt(self._sway[:2] / max(self._sway[2], 1.0)).tolist())
 
     def update(self, frame: int, timestamp_s: float, shot: Sequence[AnyArray]) -> bool:
-        """Whether they stand there in the next frame; where too little shows, as in the frame before."""
-        moved = self._viewpoints.moved(shot)
-        if moved is not None:
-            self._is_moved = bool(moved)
+        """Whether they look there in the next frame; where too little shows, as in the frame before."""
+        if timestamp_s >= self._looked_s + LOOK_S - ROUNDED_S:
+            self._looked_s = timestamp_s
+            how = self._look(timestamp_s, [_small(image) for image in shot if image.dtype == np.uint8])
+            if how is not None and bool(how) != self._is_moved:
+                self._is_moved = bool(how)
+                self._turns = deque([*self._turns][-1:] * LOOKS_MIN)
+            if how and self.first is None:
+                self.first, self.how = (frame, timestamp_s), how
         self.moved_frames += self._is_moved
-        if self._is_moved and self.first is None:
-            self.first, self.how = (frame, timestamp_s), moved or ""
         return not self._is_moved
+
+    def accept(self) -> None:
+        """Take the view of the last look for the usual one."""
+        self._accepted = self._last
+        self._viewpoints = self._of(self._last)
+        self._turns.clear()
+        self._is_moved = self.settled = False
+
+    def _look(self, now_s: float, images: list[U8]) -> str | None:
+        """How the view of some images is another one, empty where it is the usual one, None where that cannot be
+        said."""
+        before, self._last = self._last, images
+        if not self._viewpoints.cameras:
+            return self._first_view(before, images)
+        turns = self._viewpoints.turns(images)
+        is_linked = turns is not None
+        if turns is None and self._turns:
+            step = self._of(before).turns(images)
+            if step is not None:
+                turns = self._turns[-1][1] + step
+                is_linked = self._is_linked
+        is_new = turns is None or is_linked != self._is_linked or not self._turns
+        self._is_linked = is_linked
+        if turns is None:
+            turns = np.zeros((len(images), 4))
+        if is_new:
+            # As if there had been looks before, of the view that was believed.
+            believed = turns if self._is_moved else np.zeros_like(turns)
+            self._turns = deque([(now_s, believed)] * (LOOKS_MIN - 1))
+            self._since_s = now_s
+        self._turns.append((now_s, turns))
+        mean = np.mean([each for _, each in self._turns], axis=0)
+        self._forget_old(now_s)
+        shown_s = now_s - self._turns[0][0] + ROUNDED_S
+        unrest_deg = max(Sway.of(each - mean).together_deg for _, each in self._turns)
+        self.settled = shown_s >= LASTING_S and unrest_deg < UNREST_DEG
+        if is_linked:
+            return self.sway.move(mean, turns)
+        if self.settled and now_s - self._since_s >= HIDDEN_S - ROUNDED_S and self._of(images).are_textured:
+            return _another_view(len(images))
+        return None
+
+    def _first_view(self, before: list[U8], images: list[U8]) -> str | None:
+        """Take the view of two shots between which nothing has moved; else as ``_look``."""
+        viewpoints = self._of(before)
+        turns = viewpoints.turns(images)
+        if not before or turns is None or not viewpoints.are_textured:
+            return None
+        how = STANDS.move(turns, turns)
+        if not how:
+            self.accept()
+        return how
+
+    def _of(self, images: list[U8]) -> Viewpoints:
+        return Viewpoints([images], self._given.focal_widths)
+
+    def _forget_old(self, now_s: float) -> None:
+        """Forget turns of more than LASTING_S ago; those of the usual view show how far it sways."""
+        while len(self._turns) > LOOKS_MIN and self._turns[1][0] <= now_s - LASTING_S + ROUNDED_S:
+            (_, before), (_, between), (_, after), *_ = self._turns
+            self._turns.popleft()
+            if self._is_linked and not self._is_moved:
+                self._sway += [*np.square(Sway.of_three(before, between, after)), 1.0]
 
 
 def _small(image: U8) -> U8:
     grey = as_grey(image)
     size = WIDTH_PX, max(1, round(grey.shape[0] * WIDTH_PX / grey.shape[1]))
     return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _even(image: U8, side_px: int) -> U8:
+    """(H, W) uint8, less its mean around each pixel, over its deviation there: the same in another light."""
+    window = side_px, side_px
+    levels = image.astype(np.float32)
+    levels -= cv2.blur(levels, window)
+    deviations = np.sqrt(np.maximum(cv2.blur(levels * levels, window), 0.0)) + np.float32(LEVEL_NOISE)
+    return np.asarray(np.clip(128.0 + 40.0 * levels / deviations, 0.0, 255.0), dtype=np.uint8)

@@ -30,7 +30,6 @@ from planview.checks.scene import (
     VALID_SHARE_MIN,
     alignment_checks,
     camera_height,
-    elsewhere_check,
     explanation_checks,
     fields_checks,
     flicker_check,
@@ -44,19 +43,20 @@ from planview.checks.scene import (
     person_heights,
     registration_checks,
     scene_checks,
+    spread_checks,
+    standing_checks,
     standing_things,
-    steadiness_checks,
 )
 from planview.checks.timing import SpeedWatch, frame_checks
 from planview.drawing.style import Entry, Rgb, as_bgr, disparity_colours, with_colour_bar, with_legend
-from planview.foreground.steadiness import Steadiness
 from planview.maps.grid import FloorRig
 from stereo.depth import Depth, back_project, median_image
-from stereo.floor import DepthFrames, FloorSearch, PairFrames, setup_frames, spread_frames
+from stereo.floor import DepthFrames, FloorSearch, PairFrames, frames_of_one_view, spread_frames
 from stereo.matcher import SATURATED_LEVEL
 from stereo.readers import OpenOptions, find_layout, holds_pair, open_any, open_video
 from stereo.readers.open import SeveralHeads, is_multi_rig, open_rigs
 from stereo.recording import OneCamera, Recording, refuse_untimed
+from stereo.viewpoint import SpreadView, Standing, Viewpoints
 
 LINE_STEP_PX = 25
 FLOOR_BAND_M = 0.10
@@ -201,7 +201,7 @@ def _examine_depth(
         refused = str(error)
     given = recording.head.world_SE3_left
     file = RIGS_FILE if recording.name else "world.toml"
-    run, times = _run_of(recording, seen.frames, frames, search)
+    run, times = _run_of(recording, seen.frames, seen.view, frames, search)
     if isinstance(seen, PairFrames):
         seen_in_images = image_checks(seen.frames)
         geometry = alignment_checks(seen)
@@ -211,7 +211,7 @@ def _examine_depth(
     checks = [
         Check("calibration and layout", True, math.nan, note=recording.head.source),
         *times,
-        elsewhere_check(seen.elsewhere),
+        *spread_checks(seen.view),
         *still_checks(seen, run),
         *seen_in_images,
         flicker_check([grey_level(frame.image) for frame in run]),
@@ -225,7 +225,7 @@ def _examine_depth(
 
 
 def _run_of(
-    recording: Recording[Any], spread: Sequence[Any], count: int, search: FloorSearch
+    recording: Recording[Any], spread: Sequence[Any], view: SpreadView, count: int, search: FloorSearch
 ) -> tuple[list[Any], list[Check]]:
     """Consecutive frames around the one of some spread over the recording that differs most from the usual picture,
     and the checks of times."""
@@ -236,7 +236,7 @@ def _run_of(
     count = max(3, min(count, recording.n_frames))
     first = max(0, min(spread[int(np.argmax(change))].index - count // 2, recording.n_frames - count))
     run = recording.at(list(range(first, min(first + count, recording.n_frames))))
-    return run, frame_checks(recording, spread, run, min(search.frames, recording.n_frames) + count)
+    return run, frame_checks(recording, view.shots, run, min(search.frames, recording.n_frames) + count)
 
 
 def _image_checks(spread: Sequence[Any], run: Sequence[Any]) -> list[Check]:
@@ -273,18 +273,18 @@ def _checks_of_one(
     """Checks of one camera: times, light, whether it stands still, and its calibration. Raises InputError: frames
     without times."""
     refuse_untimed(video)
-    spread = setup_frames(video, search.frames)
-    run, times = _run_of(video, spread, frames, search)
-    steadiness = Steadiness()
+    spread, view = frames_of_one_view(video, search.frames)
+    run, times = _run_of(video, spread, view, frames, search)
+    standing = Standing(Viewpoints([], video.head.focal_widths))
     for frame in run:
-        steadiness.update(frame.index, frame.timestamp_s, as_grey(frame.image))
+        standing.update(frame.index, frame.timestamp_s, frame.images)
     note = "one camera, no calibration: places are in pixels" if camera is None else "one camera, calibrated"
     return [
         Check("calibration and layout", True, math.nan, note=note),
         *times,
         *_image_checks(spread, run),
         flicker_check([grey_level(frame.image) for frame in run]),
-        *steadiness_checks(steadiness),
+        *(spread_checks(view) if view.elsewhere else standing_checks(standing, "the view before is not shown again")),
         *([camera_height(camera.height_m, "above the floor, by the calibration")] if camera else []),
     ]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -20,7 +20,6 @@ from planview.checks.check import Check, limited
 from planview.checks.motion import repeated_check
 from planview.checks.timing import Lag, lag_of
 from planview.foreground.ghosts import find_blobs
-from planview.foreground.steadiness import Steadiness
 from planview.maps.grid import MapParams
 from stereo.depth import RectifiedGeometry, back_project, median_image
 from stereo.doctor.diagnose import diagnose, diagnose_colours, diagnose_fields, place_of_depth
@@ -31,7 +30,7 @@ from stereo.floor import DepthFrames, FloorSearch, PairFrames
 from stereo.matcher import SATURATED_LEVEL
 from stereo.recording import DepthCamera, Frame, Pair, Recording, Shot
 from stereo.rig_correction import fit_correction
-from stereo.viewpoint import Standing
+from stereo.viewpoint import SpreadView, Standing, Sway
 
 MIN_MATCHES = 60
 """Fewest corners found in both images on which the geometry is judged."""
@@ -114,37 +113,34 @@ def light_checks(*cameras: Sequence[U8]) -> list[Check]:
     ]
 
 
-def steadiness_checks(steadiness: Steadiness) -> list[Check]:
-    """Whether one camera stood still and showed one scene, from the frames so far."""
-    moves = cuts = "the same view throughout"
-    if steadiness.moving_s:
-        moves = f"the whole image moves, first at {steadiness.first_moving_s:.1f} s: tracking pauses while it moves"
-    if steadiness.cuts:
-        at = f"first at frame {steadiness.cuts[0]}"
-        cuts = f"the view changes at once, {at}: the background is learned again, and people begin new tracks"
-    return [
-        # Longest motion of the camera that a run does not report [s]: a knock at the mast.
-        limited("moving camera", round(steadiness.moving_s, 2), "s", moves, most=0.5),
-        limited("scene cuts", float(len(steadiness.cuts)), "", cuts, most=0.0),
-    ]
+SHAKE_DEG = 0.1
+"""Deviation of a camera's rotation from which it shakes [degrees]: 1 cm at 5 m."""
 
 
-def standing_check(standing: Standing) -> Check:
-    """Whether the cameras stood where they stood when the floor was measured, from the frames so far."""
-    note = "the cameras look where they looked when the floor was measured"
+def standing_checks(standing: Standing, after: str) -> list[Check]:
+    """Whether the cameras look where they looked before, from the frames so far; ``after``: what follows if not."""
+    note = "the cameras look where they looked before"
     if standing.first is not None:
         frame, time_s = standing.first
         note = (
-            f"{standing.how} at frame {frame} ({time_s:.1f} s): calibration and floor are of the view before, and "
-            f"nobody is reported in the {standing.moved_frames} frames that show another"
+            f"{standing.how} at frame {frame} ({time_s:.1f} s): {after}, and nobody is reported in "
+            f"{standing.moved_frames} frames"
         )
-    return Check("camera moved", standing.first is None, float(standing.moved_frames), "frames", note=note)
+    moved = Check("camera moved", standing.first is None, float(standing.moved_frames), "frames", note=note)
+    return [moved, shake_check(standing.sway)]
 
 
-def elsewhere_check(elsewhere: Mapping[int, str]) -> Check:
-    """The same, from the frames spread over a recording that show another view than the others."""
-    note = next((f"{how} at frame {frame} or before" for frame, how in elsewhere.items()), "the same view throughout")
-    return Check("camera moved", not elsewhere, float(len(elsewhere)), "frames", note=note)
+def spread_checks(view: SpreadView) -> list[Check]:
+    """The same, from frames spread over a recording."""
+    moves = [f"{how} at frame {frame} or before" for frame, how in view.elsewhere.items()]
+    note = moves[0] if moves else "the same view throughout"
+    return [Check("camera moved", not moves, float(len(moves)), "frames", note=note), shake_check(view.sway)]
+
+
+def shake_check(sway: Sway) -> Check:
+    """A warning where cameras come and go about one view."""
+    note = "rotation to and fro about one view; people are tracked, and their places err by as much: fix the mount"
+    return limited("camera shake", sway.together_deg, "deg", note, most=SHAKE_DEG, warns=True)
 
 
 def grey_level(image: U8) -> float:

@@ -119,9 +119,9 @@ def _between(likeness: F64, best: int) -> float:
     return float(best - LONGEST_LAG + shift)
 
 
-def frame_checks(recording: Recording[Any], spread: Sequence[Any], run: Sequence[Any], asked: int) -> list[Check]:
-    """Usable frames and gaps in the timestamps of any recording, from frames spread over it and consecutive ones."""
-    usable = (len(spread) + len(run)) / max(1, asked)
+def frame_checks(recording: Recording[Any], spread: int, run: Sequence[Any], asked: int) -> list[Check]:
+    """Usable frames and gaps in the timestamps of any recording, from some spread over it and consecutive ones."""
+    usable = (spread + len(run)) / max(1, asked)
     times = recording.times_s
     known = np.array([f.timestamp_s for f in run]) if times is None else times[np.isfinite(times)]
     gap = "longest step between frames over the usual one"

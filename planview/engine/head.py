@@ -23,22 +23,21 @@ from calib.ground_camera import GroundCamera
 from calib.images import as_grey
 from calib.types import U8, AnyArray
 from planview.checks.check import Check
-from planview.checks.scene import standing_check, steadiness_checks
+from planview.checks.scene import standing_checks
 from planview.engine.config import Config, SingleCameraParams
 from planview.engine.feedback import Feedback
 from planview.engine.setup import Setup
 from planview.foreground.ghosts import Ghosts
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
-from planview.foreground.steadiness import Steadiness, Steady
 from planview.maps.grid import FloorRig
 from planview.maps.recording import RecordedPoints
 from planview.maps.view import View, ViewBuilder
 from planview.tracking.base import Decision, ImageTracker
 from planview.trajectories.state import TrackState
 from stereo.depth import Depth, Matched
-from stereo.recording import Frame, Shot
-from stereo.viewpoint import Standing
+from stereo.recording import Frame, OneCamera, Shot
+from stereo.viewpoint import Standing, Viewpoints
 
 MOTION_LEVEL = 10.0
 """Change of luma, averaged over 3x3 pixels, between two frames that is motion (levels of 255). Our choice: 8-bit
@@ -159,7 +158,8 @@ class RigHead(Carried):
     def checks(self) -> list[Check]:
         """Of the frames in which floor and rig were found, and whether the cameras stand as they did in these."""
         named = f"{self.name}: " if self.name else ""
-        return [replace(c, name=named + c.name) for c in (*self.rig.checks, standing_check(self.standing))]
+        standing = standing_checks(self.standing, "calibration and floor are of the view before")
+        return [replace(check, name=named + check.name) for check in (*self.rig.checks, *standing)]
 
     def measure(self, shot: Shot, clock: StageClock) -> Depth:
         """Rectify a shot, and match the images of a pair in which something has moved."""
@@ -205,7 +205,7 @@ class CameraHead(Carried):
     """One camera without depth: measures nothing, and separates the foreground and what moves (Zhang et al. 2008,
     section 2)."""
 
-    CARRIED = "_past", "_steadiness", "_labels"
+    CARRIED = "_past", "_labels"
     ahead, records, name, rig, views = 0, False, "", None, None
 
     def __init__(
@@ -231,6 +231,8 @@ class CameraHead(Carried):
         factor = -(-size[0] // columns) if columns else 1
         self.size, self.camera, self._tracker = size, camera, tracker
         self._reduced = max(1, size[0] // factor), max(1, size[1] // factor)
+        focal_widths = OneCamera.focal_widths if camera is None else camera.focal_px / camera.width
+        self._standing = Standing(Viewpoints([], focal_widths))
         self._foreground = Foreground(params.foreground, self._reduced[::-1])
         self._ghosts = Ghosts(self._reduced[::-1])
         self.reset()
@@ -238,7 +240,6 @@ class CameraHead(Carried):
     def reset(self) -> None:
         """Forget all frames."""
         self._forget_background()
-        self._steadiness = Steadiness()
         self._labels: U8 | None = None
 
     def _forget_background(self) -> None:
@@ -249,11 +250,13 @@ class CameraHead(Carried):
     @property
     def checks(self) -> list[Check]:
         """Whether the camera stands still and shows one scene, from the frames so far."""
-        return steadiness_checks(self._steadiness)
+        return standing_checks(self._standing, "the background is learned again when it stands still")
 
     def memory(self) -> dict[str, Carried]:
         """What the foreground learned, and the rest."""
-        return {"foreground": self._foreground, "ghosts": self._ghosts, "one camera": self}
+        return {
+            "standing": self._standing, "foreground": self._foreground, "ghosts": self._ghosts, "one camera": self,
+        }  # fmt: skip
 
     def measure(self, shot: Shot, clock: StageClock) -> U8:
         """The image: one camera has no depth."""
@@ -269,16 +272,19 @@ class CameraHead(Carried):
         """Foreground and motion of one frame; unknown where it shows nothing, as while the camera moves."""
         if measured is None:
             return View.unknown(self._reduced[::-1])
-        image, now_s, labels = self._resized(measured, cv2.INTER_AREA), frame.timestamp_s, self._labels
+        image = self._resized(measured, cv2.INTER_AREA)
         grey = as_grey(image)
-        steady = self._steadiness.update(frame.index, now_s, grey)
-        if steady is Steady.CUT:
+        now_s = frame.timestamp_s
+        labels = self._labels
+        stands = self._standing.update(frame.index, now_s, (grey,))
+        if not stands and self._standing.settled:
             # The background begins again with this frame; what a tracker knew is about the view before.
+            self._standing.accept()
             self._forget_background()
+            stands = True
             labels = None
-        if steady is not Steady.BREAK:
-            mask = self._foreground.update(image, None, now_s, self._known(labels), steady is not Steady.MOVING)
-        if steady is Steady.BREAK or not self._foreground.shows:
+        mask = self._foreground.update(image, None, now_s, self._known(labels), stands)
+        if not self._foreground.shows:
             view = View.unknown((image.shape[0], image.shape[1]), measured)
         else:
             motion = self._motion(now_s, grey)

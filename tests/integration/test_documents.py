@@ -13,7 +13,7 @@ from short_clip import ROOT
 
 import planview
 from calib.times import Rate, jump_note, rate_of_times, run_on, spread_bursts
-from planview.checks.scene import standing_check
+from planview.checks.scene import standing_checks
 from planview.cli import main, make_app
 from planview.counting.rules import load_rules
 from stereo.doctor.hypotheses import HYPOTHESES
@@ -76,7 +76,7 @@ def test_messages_of_moved_cameras_and_uneven_times_stand_in_troubleshooting() -
     standing = Standing(Viewpoints([], 1.0))
     for how in ("the right camera has rotated by 0.5 degrees", "the cameras have rotated by 3 degrees"):
         standing.first, standing.how = (30, 2.0), how
-        said.append(standing_check(standing).note)
+        said.append(standing_checks(standing, "calibration and floor are of the view before")[0].note)
     unknown = [text for text in said if not any(all(part in text for part in row) for row in rows)]
     assert len(said) == 7 and unknown == []
 
