@@ -41,7 +41,7 @@ Table = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Floor:
+class Placement:
     """Where places of the committed scene are in a member: mirrored left to right, or not, and stretched."""
 
     width_m: float
@@ -67,7 +67,7 @@ class Variation:
         self.rng = rng
         self.pace = float(rng.uniform(*PACE))
         width_m, _, self.ceiling_m = Room.model_validate(table.get("room", {})).size_m
-        self.floor = Floor(width_m, bool(rng.random() < 0.5), float(rng.uniform(*STRETCH)))
+        self.floor = Placement(width_m, bool(rng.random() < 0.5), float(rng.uniform(*STRETCH)))
         self.table: Table = {
             "description": table.get("description", ""),
             "seed": int(rng.integers(1 << 31)),

@@ -55,7 +55,7 @@ def rooms() -> list[str]:
 
 
 def files_of(room: str) -> list[Path]:
-    """All Python files of a room."""
+    """All Python files of a room, or of ``tests``."""
     folder = ROOT / room.removesuffix("/*")
     return sorted(folder.glob("*.py") if room.endswith("/*") else folder.rglob("*.py"))
 
@@ -95,17 +95,6 @@ def size_of(room: str) -> Size:
     return sum(map(size_of_text, texts), Size())
 
 
-def counts() -> dict[str, int]:
-    """Files and classes of all rooms, and lines of tests."""
-    sources = [path.read_text(encoding="utf-8") for room in rooms() for path in files_of(room)]
-    tests = [path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("*.py")]
-    return {
-        "files": len(sources),
-        "classes": sum(len(re.findall(r"(?m)^ *class \w+", text)) for text in sources),
-        "lines of tests": sum(len(text.splitlines()) for text in tests),
-    }
-
-
 def measured() -> dict[str, dict[str, float]]:
     """What each table of budget.toml limits, as it is now."""
     sizes = {name: size_of(name) for name in BUDGET["tokens"]}
@@ -113,7 +102,6 @@ def measured() -> dict[str, dict[str, float]]:
         "tokens": {name: size.tokens for name, size in sizes.items()},
         "density": {name: size.density for name, size in sizes.items()},
         "per 1000 lines": {name: sizes["total"].per_1000_lines(name) for name in BUDGET["per 1000 lines"]},
-        "counts": dict(counts()),
     }
 
 

@@ -64,7 +64,7 @@ def thumbnails_of(depth: Depth) -> Thumbnails:
     return Thumbnails(as_grey(depth.image)[steps, steps].copy(), np.nan_to_num(depth.disparity[steps, steps]))
 
 
-class Steps(NamedTuple):
+class PairChanges(NamedTuple):
     """Changes from each pair to the next, (N,) each: when; the share of the picture that moved, and whether that is
     more than noise; and whether the first and the second image repeat the one before to the last bit."""
 
@@ -93,7 +93,7 @@ def runs_of(mask: Bool) -> list[tuple[int, int]]:
     return [(int(start), int(end)) for start, end in edges.reshape(-1, 2)]
 
 
-def lone_stalls(steps: Steps) -> list[Stall]:
+def lone_stalls(steps: PairChanges) -> list[Stall]:
     """Times in which one image stands still while the other one moves."""
     active = np.flatnonzero(steps.is_active)
     stalls = []
@@ -104,7 +104,7 @@ def lone_stalls(steps: Steps) -> list[Stall]:
     return stalls
 
 
-def common_stalls(steps: Steps, is_pair: bool) -> list[Stall]:
+def common_stalls(steps: PairChanges, is_pair: bool) -> list[Stall]:
     """Times in which all images stand still, between two that move; of depth, those in which its image does."""
     stalls = []
     for start, end in runs_of(standing(steps, is_pair)):
@@ -113,26 +113,26 @@ def common_stalls(steps: Steps, is_pair: bool) -> list[Stall]:
     return stalls
 
 
-def frozen(steps: Steps) -> Bool:
+def frozen(steps: PairChanges) -> Bool:
     """(N,) whether one image moves and the other one repeats to the last bit: a camera that nobody walks past has
     noise."""
     return np.asarray(steps.is_active & (steps.first_repeats | steps.second_repeats))
 
 
-def standing(steps: Steps, is_pair: bool) -> Bool:
+def standing(steps: PairChanges, is_pair: bool) -> Bool:
     """(N,) whether all images repeat; of an image with depth whether the image does."""
     if is_pair:
         return np.asarray(steps.first_repeats & steps.second_repeats)
     return steps.first_repeats
 
 
-def repeated_pairs(steps: Steps, is_pair: bool) -> int:
+def repeated_pairs(steps: PairChanges, is_pair: bool) -> int:
     """Copies of a pair between moving ones; a scene in which nothing moves may repeat for hours."""
     stalls = common_stalls(steps, is_pair)
     return sum(stall.frames for stall in stalls if stall.second and stall.frames <= 2)
 
 
-def longest_stall(steps: Steps, is_pair: bool) -> Stall | None:
+def longest_stall(steps: PairChanges, is_pair: bool) -> Stall | None:
     """The longest time in which images stand still while people move."""
     stalls = lone_stalls(steps)
     for stall in common_stalls(steps, is_pair):
@@ -151,7 +151,7 @@ class MotionWatch(Carried):
     def __init__(self) -> None:
         self._last: Thumbnails | None = None
         self._is_pair = True
-        self._rows = np.empty((64, len(Steps._fields)))
+        self._rows = np.empty((64, len(PairChanges._fields)))
         self._count = 0
         self._bands: deque[F64] = deque(maxlen=FRAMES_MAX)
         self._calm_for = 0
@@ -224,11 +224,11 @@ class MotionWatch(Carried):
         self._rows[self._count] = row
         self._count += 1
 
-    def _steps(self) -> Steps:
+    def _steps(self) -> PairChanges:
         time_s, moved_share, *flags = self._rows[: self._count].T
-        return Steps(time_s, moved_share, *(np.asarray(flag > 0) for flag in flags))
+        return PairChanges(time_s, moved_share, *(np.asarray(flag > 0) for flag in flags))
 
-    def _lag(self, steps: Steps) -> tuple[Lag, bool]:
+    def _lag(self, steps: PairChanges) -> tuple[Lag, bool]:
         """The lag over all the time, or over its first half or its end where that leaves less doubt; and whether the
         cameras are apart by it, or as far apart as pictures that were written twice leave them."""
         if not steps.is_active.any() or not self._bands:
@@ -272,7 +272,7 @@ def movement_in_bands(moved: Bool) -> F64:
     return np.asarray(np.sqrt(moved[:rows].reshape(BANDS, -1).mean(axis=1)))
 
 
-def pictures_behind(steps: Steps) -> tuple[int, int]:
+def pictures_behind(steps: PairChanges) -> tuple[int, int]:
     """How many pictures that were written twice leave the right camera behind the left one, and how many steps with
     movement, or soon after it, there are from the last of them on."""
     is_frozen = frozen(steps)

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Source:
+class StudyInput:
     """A recording of a study: its name, its files, the key of their content, the configuration that it begins with, and
     its truth."""
 
@@ -59,7 +59,7 @@ class Job:
         version: the ``code_version`` that must run it.
     """
 
-    source: Source
+    source: StudyInput
     configuration: Configuration
     seed: int
     config: Config
@@ -110,7 +110,7 @@ def plan_jobs(study: Study, names: Sequence[str], out: Path) -> list[Job | JobRe
     return jobs
 
 
-def identify(name: str, entry: RecordingEntry) -> Source | InputError:
+def identify(name: str, entry: RecordingEntry) -> StudyInput | InputError:
     """Find the key and the truth of a recording, or why it cannot be used."""
     path = entry.path
     files = [file for file in (entry.calibration, entry.camera) if file is not None]
@@ -122,7 +122,7 @@ def identify(name: str, entry: RecordingEntry) -> Source | InputError:
             files += companion_files(path)
         key = key_of(entry.fps, *(content_key(file) for file in (path, *files)))
         truth = entry.truth or truth_file(entry.path.parent if is_maps(entry.path) else entry.path)
-        return Source(name, entry, key, base_config(entry.path), truth, content_key(truth) if truth else "")
+        return StudyInput(name, entry, key, base_config(entry.path), truth, content_key(truth) if truth else "")
     except InputError as error:
         return error
 

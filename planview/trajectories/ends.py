@@ -46,7 +46,7 @@ def has_ended(gap_s: Any, step_s: Any = 0.0, moved_m: Any = 0.0) -> Any:
     return (gap_s > HIDDEN_S) | ((moved_m > ERROR_M) & is_jump(step_s, moved_m))
 
 
-class Places:
+class PlacesByMoment:
     """Where each row of a table was seen: on the floor [m], or the foot of its box [px] with pixels per metre.
 
     Attributes:
@@ -82,7 +82,7 @@ class Steps:
 
     def __init__(self, table: Trajectories, times_s: F64) -> None:
         """``times_s``: (N,) of the rows."""
-        places = Places(table)
+        places = PlacesByMoment(table)
         order = np.lexsort((table.frame, table.track_id))
         ids = table.track_id[order]
         seen = np.maximum.accumulate(np.where(places.is_known[order], np.arange(len(order)), 0))

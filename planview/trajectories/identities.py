@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.types import F64, I64, Bool
 from planview.trajectories.clock import USUAL_FPS, Clock
-from planview.trajectories.ends import HIDDEN_S, Places, Steps, is_jump, track_numbers
+from planview.trajectories.ends import HIDDEN_S, PlacesByMoment, Steps, is_jump, track_numbers
 from planview.trajectories.table import Trajectories, frame_times, renumbered, with_times_judged
 
 FORGOTTEN_S = 60.0
@@ -94,7 +94,7 @@ def _are_counted_anew(table: Trajectories, frame: int) -> bool:
 
 def _is_exchange(table: Trajectories, frames: I64, times_s: F64) -> bool:
     """Whether somebody walks on from every place of one frame to the next: then tracks have exchanged their people."""
-    places = Places(table)
+    places = PlacesByMoment(table)
     before = np.flatnonzero((table.frame == frames[0]) & places.is_known)
     after = np.flatnonzero((table.frame == frames[1]) & places.is_known)
     away_m = places.apart_m(before[:, None], after)

@@ -36,7 +36,7 @@ from stereo.doctor.pairs import (
     rows_score,
     thin_greys,
 )
-from stereo.doctor.scenes import PLAUSIBLE, Scene, StoredDepth, floor_score, floor_view
+from stereo.doctor.scenes import PLAUSIBLE, DepthScene, StoredDepth, floor_score, floor_view
 from stereo.floor import FloorSearch
 from stereo.recording import DepthCamera, Frame, Pair, Recording, Shot
 from stereo.rectify import RectifyParams
@@ -106,11 +106,11 @@ def diagnose_fields(frames: Sequence[Frame[Shot]]) -> Finding | None:
     return best(thin_greys(frames), [FIELDS], fields_score) if frames else None
 
 
-def _by_floor(scene: Scene, hypotheses: Sequence[Hypothesis[Scene]], search: FloorSearch) -> Finding | None:
+def _by_floor(scene: DepthScene, hypotheses: Sequence[Hypothesis[DepthScene]], search: FloorSearch) -> Finding | None:
     """The hypothesis whose floor is more plausible than that of the view as recorded."""
     before = floor_view(scene, search)
 
-    def score(changed: Scene) -> Score:
+    def score(changed: DepthScene) -> Score:
         return floor_score(before if changed is scene else floor_view(changed, search), before)
 
     return best(scene, hypotheses, score, least=PLAUSIBLE)
@@ -145,7 +145,7 @@ def place_of_depth(frames: Sequence[Frame[Shot]]) -> PlaceOfDepth:
     return place
 
 
-def stored_scene(recording: Recording[DepthCamera]) -> Scene:
+def stored_scene(recording: Recording[DepthCamera]) -> DepthScene:
     """Depth of frames spread over a recording, as it is read and as it is stored."""
     head = recording.head
     camera = head.depth_camera or head.camera
@@ -160,7 +160,7 @@ def stored_scene(recording: Recording[DepthCamera]) -> Scene:
 
     units_per_m = head.depth_units.units_per_m if head.depth_units else 1.0
     stored = StoredDepth(images, values, units_per_m, ray, rectified)
-    return Scene((), rectifier.geometry, stored).read(lambda values, stored: metres(values, stored.units_per_m))
+    return DepthScene((), rectifier.geometry, stored).read(lambda values, stored: metres(values, stored.units_per_m))
 
 
 def _stored_frames(recording: Recording[DepthCamera]) -> tuple[list[U8], list[AnyArray]]:

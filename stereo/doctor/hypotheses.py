@@ -17,7 +17,7 @@ from calib.types import F32, AnyArray
 from stereo.depth import DEPTH_MAX_M, DEPTH_UNITS
 from stereo.doctor.overlay import Overlay
 from stereo.doctor.pairs import Colours, Pairs
-from stereo.doctor.scenes import Scene, StoredDepth
+from stereo.doctor.scenes import DepthScene, StoredDepth
 from stereo.rectify import rectified_rig
 
 AS_TAKEN = "record or convert the images as the cameras took them"
@@ -117,11 +117,11 @@ FIELDS = Hypothesis[list[F32]](
 """Of what moves, which has combed edges."""
 
 
-def _baseline(name: str, metres: float) -> Hypothesis[Scene]:
+def _baseline(name: str, metres: float) -> Hypothesis[DepthScene]:
     return Hypothesis(f"the baseline is in {name}", "give it in metres", lambda scene: scene.scaled(metres))
 
 
-def _turned(how: str, quarters: int) -> Hypothesis[Scene]:
+def _turned(how: str, quarters: int) -> Hypothesis[DepthScene]:
     return Hypothesis(f"the camera {how}", UPRIGHT, lambda scene: scene.turned(quarters), PLANE_ODDS)
 
 
@@ -145,7 +145,7 @@ def _metres(depth: AnyArray) -> F32:
         return np.where((depth > 0) & (depth < DEPTH_MAX_M), depth, np.float32(np.nan))
 
 
-def _units(per_metre: float) -> Hypothesis[Scene]:
+def _units(per_metre: float) -> Hypothesis[DepthScene]:
     def in_metres(values: AnyArray, stored: StoredDepth) -> F32:
         return _metres(values / per_metre)
 
@@ -166,12 +166,12 @@ def _inverse(values: AnyArray, stored: StoredDepth) -> F32:
 UNITS = tuple(_units(per_metre) for per_metre in DEPTH_UNITS)
 DEPTHS = (
     *UNITS,
-    Hypothesis[Scene](
+    Hypothesis[DepthScene](
         "depth is measured along the ray",
         "divide it by the ray's length at unit depth",
         lambda scene: scene.read(_along_ray),
     ),
-    Hypothesis[Scene](
+    Hypothesis[DepthScene](
         "depth is inverse depth or disparity",
         "store focal length x baseline / disparity",
         lambda scene: scene.read(_inverse),

@@ -16,7 +16,7 @@ from calib.images import as_grey
 from calib.rig import StereoRig
 from calib.types import F32, F64, AnyArray
 from stereo.depth import median_image
-from stereo.doctor.scenes import Scene
+from stereo.doctor.scenes import DepthScene
 from stereo.matcher import DisparityRange, SgbmMatcher
 from stereo.recording import Frame, Shot
 from stereo.rectify import Rectified, Rectifier, RectifyParams, is_ideal
@@ -110,7 +110,7 @@ class Pairs:
         return 640.0 / WIDTH * float(np.median(np.abs(self._offsets)))
 
     @property
-    def scene(self) -> Scene:
+    def scene(self) -> DepthScene:
         """The depth that matching gives: in another unit nothing is too far."""
         geometry = self._rectifier.geometry
         searched = DisparityRange(0, 16 * math.ceil(0.25 * WIDTH / 16))
@@ -120,7 +120,7 @@ class Pairs:
             disparity = match(pair.left_grey, pair.right_grey)
             known = np.where(disparity >= 0.5, disparity, np.float32(np.nan))
             depths.append(np.asarray(np.float32(geometry.disparity_metre) / known, dtype=np.float32))
-        return Scene(depths, geometry)
+        return DepthScene(depths, geometry)
 
 
 def _smooth(matches: F64) -> F64:

@@ -62,14 +62,14 @@ class StoredDepth(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class DepthScene:
     """(H, W) float32 depth of some frames [m], NaN where unknown, and its geometry; of depth cameras also as stored."""
 
     depths: Sequence[F32]
     geometry: RectifiedGeometry
     stored: StoredDepth | None = None
 
-    def read(self, metres: Callable[[AnyArray, StoredDepth], F32]) -> Scene:
+    def read(self, metres: Callable[[AnyArray, StoredDepth], F32]) -> DepthScene:
         """Depth made of the stored values in another way; itself without these."""
         stored = self.stored
         if stored is None:
@@ -78,7 +78,7 @@ class Scene:
         depths = [stored.rectified(image, np.asarray(metres(values, stored), np.float32)) for image, values in pairs]
         return replace(self, depths=depths)
 
-    def turned(self, quarters: int) -> Scene:
+    def turned(self, quarters: int) -> DepthScene:
         """The view turned counterclockwise by quarter turns."""
         scene = self
         for _ in range(quarters):
@@ -91,7 +91,7 @@ class Scene:
             scene = replace(scene, depths=depths, geometry=geometry)
         return scene
 
-    def scaled(self, factor: float) -> Scene:
+    def scaled(self, factor: float) -> DepthScene:
         """The view of cameras that are this many times as far apart."""
         geometry = replace(self.geometry, baseline_m=self.geometry.baseline_m * factor)
         return replace(self, depths=[depth * np.float32(factor) for depth in self.depths], geometry=geometry)
@@ -108,7 +108,7 @@ class FloorView(NamedTuple):
         return f"the floor is {self.floor.height_m:.2f} m below the camera" if self.floor else "no floor is found"
 
 
-def floor_view(scene: Scene, search: FloorSearch) -> FloorView:
+def floor_view(scene: DepthScene, search: FloorSearch) -> FloorView:
     known = np.concatenate([np.empty(0), *(depth[::8, ::8].ravel() for depth in scene.depths)])
     known = known[np.isfinite(known)]
     if not len(known) or not NEAREST_M < np.median(known) < FARTHEST_M:

@@ -11,6 +11,7 @@ import numpy as np
 
 from calib.carried import Carried
 from calib.types import F32, F64, I64
+from planview.maps.grid import MAX_CELLS
 from planview.maps.view import View
 from planview.tracking import body
 from planview.tracking.explain.clothes import colour_counts
@@ -34,16 +35,14 @@ BODY_CELLS = 9
 """Side of the box that is summed: a body's breadth [cells]."""
 PLACES_MAX = 6
 """Places that are tried in a frame."""
-MAP_CELLS_MAX = 4_000_000
 CHANGED = 3.0
 """Deviations of its range from which a surface is another one."""
 SEARCH_PRIOR = loose_prior(body.TORSO.torso_radius_m, 1.0)
 """Prior of a search: the place within a body's radius, and the height within a metre."""
 
 
-LACKING = 3
-CODE = 4
-"""Rows of points besides x, y, z [m]: what they lack of an explanation, and their colour."""
+*_, LACKING, CODE = range(5)
+"""Rows of points: their place [m], what they lack of an explanation, and their colour."""
 
 
 class FreshPoints(NamedTuple):
@@ -150,7 +149,7 @@ def _map_gains(points: F32, low_m: F64) -> F32 | None:
     floor that is too large."""
     high_m = points[:2].max(axis=1).astype(np.float64)
     rows, cols = [int(cells) + 2 * BODY_CELLS for cells in (high_m - low_m) / BIRTH_CELL_M]
-    if rows * cols > MAP_CELLS_MAX:
+    if rows * cols > MAX_CELLS:
         return None
     lacking = np.zeros((rows, cols), np.float32)
     map_lacking(points, low_m, BIRTH_CELL_M, lacking)

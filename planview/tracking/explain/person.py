@@ -69,7 +69,7 @@ class Stature:
 
 
 @dataclass(eq=False)
-class Walk:
+class Travel:
     """Movement of a track away from where it began.
 
     Attributes:
@@ -98,7 +98,7 @@ class Identity:
     """
 
     track_id: int
-    walk: Walk
+    walk: Travel
     stature: Stature = field(default_factory=Stature)
     clothes: Clothes = field(default_factory=Clothes)
 
@@ -253,7 +253,7 @@ class Person:
         seen = Sighting(now_s, kalman)
         height_m, facing_rad, lean_m = pose[2:].tolist()
         return cls(
-            identity=Identity(0, Walk(kalman.at_m)),
+            identity=Identity(0, Travel(kalman.at_m)),
             kalman=kalman,
             height_m=height_m,
             height_var=1.0 / (1.0 / body.HEIGHT_STD_M**2 + height_information),
@@ -356,7 +356,7 @@ class Person:
         other.identity = own
 
 
-RECORDS = Person, Identity, Walk, Stature, Clothes, Sighting, Glimpse, Proof, Stance, FacingDistribution, FloorKalman
+RECORDS = Person, Identity, Travel, Stature, Clothes, Sighting, Glimpse, Proof, Stance, FacingDistribution, FloorKalman
 """Types of a person's state, for checkpoints."""
 
 

@@ -13,7 +13,7 @@ from planview.engine.config import Config
 from planview.output.resume import code_version, content_key
 from planview.studies.results import JobResult, means_of, summary_csv
 from planview.studies.study import Configuration, RecordingEntry, Study, load_study
-from planview.studies.work import Job, Source, companion_files, do_job
+from planview.studies.work import Job, StudyInput, companion_files, do_job
 
 
 @pytest.fixture
@@ -195,7 +195,7 @@ def test_value_that_is_given_twice_runs_once() -> None:
 def test_folder_that_lacks_its_run_stays_when_the_new_run_fails(tmp_path):
     (tmp_path / "run").mkdir()
     entry = RecordingEntry(path=tmp_path / "nope")
-    source = Source("nope", entry, "", Config(), None, "")
+    source = StudyInput("nope", entry, "", Config(), None, "")
     job = Job(source, A, 0, Config(), "joint", 0, tmp_path / "run", code_version())
     with pytest.raises(InputError, match="nope"):
         do_job(job)
