@@ -72,8 +72,11 @@ def cache_folder(cache: Path | None) -> Path:
 
 
 def scene_files(names: Sequence[str], folder: Path, ending: str = ".toml") -> list[Path]:
-    """Files of a folder by their names without the ending; all when none is named. Raises InputError: no such scene."""
+    """Files of a folder by their names without the ending; all when none is named. Raises InputError: no scene, or no
+    such scene."""
     by_name = {path.name.removesuffix(ending): path for path in sorted(folder.glob(f"*{ending}"))}
+    if not by_name:
+        raise InputError(f"expected scenes (*{ending}) in {folder}, found none", argument="scene")
     for name in names:
         if name not in by_name:
             choices = ", ".join(by_name) or "none"
