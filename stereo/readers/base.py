@@ -227,13 +227,17 @@ def clock_of(
     return no_clock("the frames have no times, and there is no timestamps.csv", *whole[:1], *unused)
 
 
+NUMBER_MAX = 2**53
+"""Larger numbers in names count no frames."""
+
+
 def _numbers(files: Sequence[Path | None], n_frames: int) -> Sequence[int]:
     """The number of every frame in the names of its image, also of those between that have none; from 0 where names
     do not count the frames."""
     there = [i for i, file in enumerate(files) if file]
     numbers = [frame_number(file) for file in files if file]
     named = [number for number in numbers if number is not None]
-    if not named or len(named) < len(numbers) or (np.diff(named) <= 0).any():
+    if not named or len(named) < len(numbers) or max(named) > NUMBER_MAX or (np.diff(named) <= 0).any():
         return range(n_frames)
     return [round(float(number)) for number in np.interp(range(n_frames), there, named)]
 

@@ -215,6 +215,8 @@ def load_timestamps(path: Path, numbers: Sequence[int], there: Sequence[int]) ->
     """
     rows = timed_rows(path)
     ns, unit = rows.stamps
+    if len(ns) == 0:
+        raise InputError(f"{path}: expected a frame and its time in each line, found none")
     frames, notes = _positions(rows, ns, np.array(numbers, dtype=np.int64), np.array(there, dtype=np.int64))
     order = np.argsort(frames, kind="stable")
     frames = frames[order]

@@ -100,7 +100,7 @@ SIDE_FILE_FAULTS = (
     Fault("empty timestamps", replaced("timestamps.csv", ""), 2, "timestamps.csv"),
     Fault("timestamps without rows", replaced("timestamps.csv", "frame,timestamp_s\n"), 2, "found none"),
     Fault("time that stands", replaced("timestamps.csv", rows(SHIFTED)), 2, "increase"),
-    Fault("time of words", replaced("timestamps.csv", rows(["noon", *EVEN[1:]])), 2, "expected a time, found .noon"),
+    Fault("time of words", replaced("timestamps.csv", rows(["noon", *EVEN[1:]])), 2, "expected a time.*found .noon"),
     Fault("frame of 30 digits in timestamps", replaced("timestamps.csv", rows(EVEN, "9" * 30)), 2, "timestamps.csv"),
     Fault("binary timestamps", replaced("timestamps.csv", bytes(range(256))), 2, "timestamps.csv"),
     Fault("timestamps of fewer frames", replaced("timestamps.csv", rows(EVEN[:20]))),
