@@ -22,7 +22,7 @@ from stereo.depth import metres
 from stereo.doctor.diagnose import RAW_UNITS, diagnose, diagnose_colours, diagnose_fields, place_of_depth
 from stereo.doctor.hypotheses import REGISTER
 from stereo.readers import open_any
-from stereo.recording import Decoded, DepthCamera, Pair, Recording
+from stereo.recording import Decoded, DepthCamera, Recording, StereoPair
 from stereo.rectify import Rectifier, rectified_rig
 
 FRAMES = 60
@@ -32,12 +32,12 @@ Images = Callable[[AnyArray, AnyArray], tuple[AnyArray, AnyArray]]
 
 
 class Fault(NamedTuple):
-    """What is done to a recording: to the images, or image and stored depth, of a frame, to the head, and by how many
+    """What is done to a recording: to the images, or image and stored depth, of a frame, to the sensor, and by how many
     frames the second camera is late, or the second field of both cameras' images if they are woven."""
 
     name: str
     images: Images | None = None
-    head: Callable[[Any], Any] | None = None
+    sensor: Callable[[Any], Any] | None = None
     late: int = 0
     woven: bool = False
 
@@ -62,17 +62,17 @@ def pair_faults(rig: StereoRig) -> list[Fault]:
     pose = rig.right_SE3_left
     aligned = rectified(rig)
 
-    def with_rig(other: StereoRig) -> Callable[[Pair], Pair]:
-        return lambda head: replace(head, rig=other)
+    def with_rig(other: StereoRig) -> Callable[[StereoPair], StereoPair]:
+        return lambda sensor: replace(sensor, rig=other)
 
-    def sized(scale: float) -> Callable[[Pair], Pair]:
+    def sized(scale: float) -> Callable[[StereoPair], StereoPair]:
         width, height = rig.left.size
         larger = rig.scaled(round(scale * width), round(scale * height))
         left = replace(larger.left, width=width, height=height)
         right = replace(larger.right, width=width, height=height)
         return with_rig(replace(larger, left=left, right=right))
 
-    def apart(times: float) -> Callable[[Pair], Pair]:
+    def apart(times: float) -> Callable[[StereoPair], StereoPair]:
         return with_rig(replace(rig, right_SE3_left=SE3(pose.rotation, times * pose.translation)))
 
     def shifted(a: AnyArray, b: AnyArray) -> tuple[AnyArray, AnyArray]:
@@ -90,17 +90,17 @@ def pair_faults(rig: StereoRig) -> list[Fault]:
         Fault("the images of both cameras are upside down", lambda a, b: (upside_down(a), upside_down(b))),
         Fault("the images of both cameras are mirrored", lambda a, b: (np.fliplr(a), np.fliplr(b))),
         Fault("the images are rectified already", aligned),
-        Fault("the images are not rectified yet", head=with_rig(ideal)),
+        Fault("the images are not rectified yet", sensor=with_rig(ideal)),
         Fault("the images of one camera are shifted up or down", shifted, with_rig(ideal)),
-        Fault("the pose of the right camera is inverted", head=with_rig(replace(rig, right_SE3_left=inverted))),
-        Fault("the lenses of left and right are exchanged", head=with_rig(exchanged)),
-        Fault("the calibration is that of images twice the size", head=sized(2.0)),
-        Fault("the calibration is that of images 1.5 times the size", head=sized(1.5)),
-        Fault("the calibration is that of images two thirds of the size", head=sized(2 / 3)),
-        Fault("the calibration is that of images half the size", head=sized(0.5)),
-        Fault("the baseline is in millimetres", head=apart(1000.0)),
-        Fault("the baseline is in centimetres", head=apart(100.0)),
-        Fault("the baseline is in inches, or in squares of about 25 mm", head=apart(40.0)),
+        Fault("the pose of the right camera is inverted", sensor=with_rig(replace(rig, right_SE3_left=inverted))),
+        Fault("the lenses of left and right are exchanged", sensor=with_rig(exchanged)),
+        Fault("the calibration is that of images twice the size", sensor=sized(2.0)),
+        Fault("the calibration is that of images 1.5 times the size", sensor=sized(1.5)),
+        Fault("the calibration is that of images two thirds of the size", sensor=sized(2 / 3)),
+        Fault("the calibration is that of images half the size", sensor=sized(0.5)),
+        Fault("the baseline is in millimetres", sensor=apart(1000.0)),
+        Fault("the baseline is in centimetres", sensor=apart(100.0)),
+        Fault("the baseline is in inches, or in squares of about 25 mm", sensor=apart(40.0)),
         Fault("each image is woven of two fields of different times", late=1, woven=True),
         Fault(OTHER_COLOURS, lambda a, b: (a, b[..., ::-1])),
         Fault(NOT_SYNCHRONOUS, late=1),
@@ -120,10 +120,10 @@ def rectified(rig: StereoRig) -> Callable[[AnyArray, AnyArray], tuple[AnyArray, 
     return lambda a, b: (cv2.remap(a, *left, cv2.INTER_LINEAR), cv2.remap(b, *right, cv2.INTER_LINEAR))
 
 
-def depth_faults(head: DepthCamera) -> list[Fault]:
+def depth_faults(sensor: DepthCamera) -> list[Fault]:
     """Each fault of images with depth under the name that it should get."""
-    camera = head.depth_camera or head.camera
-    units = head.depth_units.units_per_m if head.depth_units else 1.0
+    camera = sensor.depth_camera or sensor.camera
+    units = sensor.depth_units.units_per_m if sensor.depth_units else 1.0
     rows, columns = np.indices(camera.size[::-1])
     rays = camera.unproject(np.column_stack([columns.ravel(), rows.ravel()]))
     ray = np.linalg.norm(rays, axis=1).reshape(rows.shape)
@@ -163,7 +163,7 @@ def depth_faults(head: DepthCamera) -> list[Fault]:
 def stored(recording: Recording[Any]) -> Read:
     """Reads frames of a recording by ascending indices, with depth in ``RAW_UNITS``, and keeps them for all faults."""
     kept = dict[int, tuple[Decoded, Decoded]]()
-    units = getattr(recording.head, "depth_units", None)
+    units = getattr(recording.sensor, "depth_units", None)
 
     def read(indices: Sequence[int]) -> list[tuple[Decoded, Decoded]]:
         assumed = units.units_per_m if units else 1.0
@@ -182,8 +182,8 @@ def stored(recording: Recording[Any]) -> Read:
 
 def faulty(recording: Recording[Any], fault: Fault, read: Read) -> Recording[Any]:
     """The recording with the fault in it; ``read`` gives its frames (see ``stored``)."""
-    head = fault.head(recording.head) if fault.head else recording.head
-    units = getattr(head, "depth_units", None)
+    sensor = fault.sensor(recording.sensor) if fault.sensor else recording.sensor
+    units = getattr(sensor, "depth_units", None)
     last = recording.n_frames - 1 - fault.late
 
     def decode(indices: Sequence[int] | None) -> Generator[tuple[Decoded, Decoded], None, None]:
@@ -206,14 +206,14 @@ def faulty(recording: Recording[Any], fault: Fault, read: Read) -> Recording[Any
                 second = metres(second, units.units_per_m)
             yield replace(a, image=first), replace(now, image=second)
 
-    return Recording(recording.path, cast(Any, decode), last + 1, recording.clock, [], head)
+    return Recording(recording.path, cast(Any, decode), last + 1, recording.clock, [], sensor)
 
 
 def named(recording: Recording[Any], consecutive: bool) -> str:
     """What the doctor names in a recording; empty where nothing."""
     spread = recording.sample(8)
     first = max(0, (recording.n_frames - FRAMES) // 2)
-    if isinstance(recording.head, Pair):
+    if isinstance(recording.sensor, StereoPair):
         finding = diagnose_colours(spread) or diagnose_fields(spread) or diagnose(recording)
     else:
         place = place_of_depth(spread).finding
@@ -222,9 +222,9 @@ def named(recording: Recording[Any], consecutive: bool) -> str:
     if finding or not consecutive:
         return finding.names if finding else ""
     run = recording.at(list(range(first, min(first + FRAMES, recording.n_frames))))
-    if isinstance(recording.head, Pair):
+    if isinstance(recording.sensor, StereoPair):
         watch = MotionWatch()
-        rectifier = Rectifier(recording.head.rig)
+        rectifier = Rectifier(recording.sensor.rig)
         for pair in (rectifier(*frame.images) for frame in run):
             watch.update(thumbnails(pair.left_grey, pair.right_grey))
         late = any(check.name == "synchronisation" and not check.ok for check in watch.checks())
@@ -256,10 +256,10 @@ def doctor(*, options: DoctorOptions | None = None) -> None:
     for path in o.recording:
         recording = open_any(path)
         read = stored(recording)
-        head = recording.head
+        sensor = recording.sensor
         tally = {"right": 0, "wrong": 0, "nothing": 0}
-        faults = pair_faults(head.rig) if isinstance(head, Pair) else depth_faults(head)
-        is_grey = isinstance(head, Pair) and all(image.ndim == 2 for image in recording.sample(1)[0].images)
+        faults = pair_faults(sensor.rig) if isinstance(sensor, StereoPair) else depth_faults(sensor)
+        is_grey = isinstance(sensor, StereoPair) and all(image.ndim == 2 for image in recording.sample(1)[0].images)
         faults = [fault for fault in faults if not (is_grey and fault.name == OTHER_COLOURS)]
         for fault in (fault for fault in faults if o.fault in fault.name):
             progress(f"{path}: {fault.name or 'as recorded'}")

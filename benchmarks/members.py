@@ -82,8 +82,8 @@ class Variation:
         for key in ("rig", "camera"):
             if key in table:
                 self.table[key] = self.mount(table[key])
-        if "head" in table:
-            self.table["head"] = [head | {"rig": self.mount(head["rig"])} for head in table["head"]]
+        if "mount" in table:
+            self.table["mount"] = [mount | {"rig": self.mount(mount["rig"])} for mount in table["mount"]]
 
     def near(self, value: float, most: float) -> float:
         """A value that differs by at most so much."""
@@ -276,14 +276,14 @@ def draw_member(table: Mapping[str, Any], seed: int, name: str) -> Variation:
 
 
 def scenes_of(member: Variation) -> list[Scene]:
-    """The scene of a member, as each of its heads records it."""
-    if "head" in member.table:
-        return [head.scene for head in rig_scenes(member)]
+    """The scene of a member, as each of its sensors records it."""
+    if "mount" in member.table:
+        return [sensor.scene for sensor in rig_scenes(member)]
     return [Scene.model_validate(member.table)]
 
 
 def rig_scenes(member: Variation) -> tuple[RigScene, ...]:
-    """The heads of a member."""
+    """The sensors of a member."""
     return rigs_of(member.table, "a member of a scene")
 
 

@@ -15,7 +15,7 @@ from calib.io import parse_toml, quoted, write_whole
 from calib.pose import SE3
 from calib.types import F64
 
-DepthSensor = Literal["structured-light", "time-of-flight", "stereo"]
+DepthTechnology = Literal["structured-light", "time-of-flight", "stereo"]
 """How a depth camera measures, which decides how its noise grows with depth."""
 
 IDENTITY = SE3(np.eye(3), np.zeros(3))
@@ -30,7 +30,7 @@ class RgbdRig:
         depth_camera: of the depth; None where depth lies in the image's own pixel grid (registered).
         camera_SE3_depth: maps the depth camera's coordinates to those of the image's camera [m].
         units_per_m: depth values per metre; None when the file does not give it.
-        sensor: how depth is measured; None when the file does not give it.
+        technology: how depth is measured; None when the file does not give it.
         source: where it came from, for messages and run.json.
     """
 
@@ -38,7 +38,7 @@ class RgbdRig:
     depth_camera: Camera | None = None
     camera_SE3_depth: SE3 = IDENTITY
     units_per_m: float | None = None
-    sensor: DepthSensor | None = None
+    technology: DepthTechnology | None = None
     source: str = ""
 
     def scaled(self, size: tuple[int, int], depth_size: tuple[int, int]) -> RgbdRig:

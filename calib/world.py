@@ -79,8 +79,8 @@ RIGS_FILE = "rigs.toml"
 
 @dataclass(frozen=True, eq=False)
 class RigEntry:
-    """One head: the folder of its own recording, relative to that of ``rigs.toml``; pose of the rectified
-    left camera in the common world; time of its first frame on the clock of the first head, whose first is at 0 [s]."""
+    """One sensor: the folder of its own recording, relative to that of ``rigs.toml``; pose of the rectified
+    left camera in the common world; time of its first frame [s] on the clock of the first sensor, which starts at 0."""
 
     folder: str
     world_SE3_left: SE3
@@ -90,36 +90,42 @@ class RigEntry:
 def save_rigs(entries: Sequence[RigEntry], path: Path, comment: str = "") -> None:
     """Write ``rigs.toml`` in one step; floats keep all their digits."""
     lines = [
-        "# planview heads: p_world = rotation @ p_left + translation_m; Z up, floor at Z = 0,",
+        "# planview sensors: p_world = rotation @ p_left + translation_m; Z up, floor at Z = 0,",
         "# p_left in the rectified left camera frame (x right, y down, z forward);",
-        "# start_s is when the head's first frame was taken, on the clock of the first head",
+        "# start_s is when the sensor's first frame was taken, on the clock of the first sensor",
         *(f"# {line}" for line in comment.splitlines()),
     ]
     for entry in entries:
-        lines += ["", "[[head]]", f"folder = {quoted(entry.folder)}", f"start_s = {entry.start_s!r}"]
-        lines += ["[head.world_SE3_left]", *entry.world_SE3_left.toml()]
+        lines += ["", "[[sensor]]", f"folder = {quoted(entry.folder)}", f"start_s = {entry.start_s!r}"]
+        lines += ["[sensor.world_SE3_left]", *entry.world_SE3_left.toml()]
     write_whole(path, "\n".join(lines) + "\n")
 
 
 def load_rigs(path: Path) -> tuple[RigEntry, ...]:
-    """Read ``rigs.toml``. Raises InputError: unreadable, keys missing, or heads that cannot be: none, two of one
+    """Read ``rigs.toml``. Raises InputError: unreadable, keys missing, or sensors that cannot be: none, two of one
     folder, a folder outside of the file's own, a pose below the floor."""
     with expecting_table(path, "a rigs.toml"):
-        entries = tuple(_entry(table) for table in load_toml(path, "a rigs.toml")["head"])
+        entries = tuple(_entry(table) for table in _tables(load_toml(path, "a rigs.toml")))
     if not 1 <= len(entries) <= 32:  # more in one world are a mistake
-        raise InputError(f"{path}: expected 1 to 32 heads, found {len(entries)}")
+        raise InputError(f"{path}: expected 1 to 32 sensors, found {len(entries)}")
     inside = path.parent.resolve()
     folders = [(inside / entry.folder).resolve() for entry in entries]
     if len(set(folders)) < len(folders):
-        raise InputError(f"{path}: expected every head's folder once, found {[e.folder for e in entries]}")
+        raise InputError(f"{path}: expected every sensor's folder once, found {[e.folder for e in entries]}")
     for entry, folder in zip(entries, folders, strict=True):
         if not folder.is_relative_to(inside):
-            raise InputError(f"{path}: expected heads inside {path.parent}, found {entry.folder!r}")
+            raise InputError(f"{path}: expected sensors inside {path.parent}, found {entry.folder!r}")
         try:
             refuse_strange_pose(entry.world_SE3_left)
         except ValueError as error:
             raise InputError(f"{path}: {entry.folder}: {error}") from error
     return entries
+
+
+def _tables(rigs: dict[str, Any]) -> list[dict[str, Any]]:
+    """A table for each sensor; older files call it a head."""
+    tables: list[dict[str, Any]] = rigs["head" if "head" in rigs else "sensor"]
+    return tables
 
 
 def _entry(table: dict[str, Any]) -> RigEntry:

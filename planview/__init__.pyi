@@ -26,11 +26,11 @@ from planview.engine.config import Config as Config
 from planview.engine.config import load_config as load_config
 from planview.engine.engine import Engine as Engine
 from planview.engine.engine import FrameResult as FrameResult
-from planview.engine.head import Head as Head
-from planview.engine.head import RigHead as RigHead
-from planview.engine.head import StageClock as StageClock
 from planview.engine.open import engine_of as engine_of
 from planview.engine.open import open_engine as open_engine
+from planview.engine.sensor import RigSensor as RigSensor
+from planview.engine.sensor import Sensor as Sensor
+from planview.engine.sensor import StageClock as StageClock
 from planview.engine.setup import set_up as set_up
 from planview.evaluation.evaluate import EvaluationParams as EvaluationParams
 from planview.evaluation.evaluate import evaluate_tracks as evaluate_tracks

@@ -48,7 +48,7 @@ COMMANDS = {
 }
 """By group of the help: the module of ``planview.commands`` with a command, and its line in the listing."""
 CALIBRATE = {
-    "align": ("calibrate", "Find how stereo heads stand to each other, from people who walk."),
+    "align": ("calibrate", "Find how stereo sensors stand to each other, from people who walk."),
     "board": ("calibrate", "Calibrate a stereo rig from chessboard or ChArUco images."),
     "convert": ("calibrate", "Convert a calibration from one format to another."),
     "floor": ("calibrate_pose", "Find the floor in a stereo recording."),
@@ -63,7 +63,7 @@ USAGE = {
     "report": "report FOLDER [FOLDER ...] [OPTIONS]",
     "plot": "plot RUN [RUN ...] [OPTIONS]",
     "sweep": "sweep STUDY.toml [OPTIONS] | RECORDING [RECORDING ...] --out FOLDER --vary NAME=VALUES [OPTIONS]",
-    "align": "calibrate align HEAD HEAD [HEAD ...] [OPTIONS]",
+    "align": "calibrate align SENSOR SENSOR [SENSOR ...] [OPTIONS]",
 }
 """Usage of commands whose arguments cyclopts does not name."""
 

@@ -20,7 +20,7 @@ from calib.rig import Floor, StereoRig
 from calib.types import F32, F64, U8, AnyArray, Bool
 from stereo.depth import RectifiedGeometry, back_project, median_image
 from stereo.matcher import RangeParams, SgbmMatcher, SgbmParams, disparity_range
-from stereo.recording import DepthCamera, Frame, Pair, Recording, Shot
+from stereo.recording import DepthCamera, Frame, Recording, Shot, StereoPair
 from stereo.rectify import Rectified, Rectifier, RectifyParams, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
 from stereo.rig_correction import RigCorrection, match_corners
@@ -177,7 +177,7 @@ class DepthFrames:
     def __init__(self, recording: Recording[DepthCamera], search: FloorSearch | None = None) -> None:
         self._recording = recording
         self._search = search or FloorSearch()
-        self.rectifier = RgbdRectifier(recording.head.camera, recording.head.sensor, self._search.rectify)
+        self.rectifier = RgbdRectifier(recording.sensor.camera, recording.sensor.technology, self._search.rectify)
         self.searched = self.rectifier.disparities()
 
     @cached_property
@@ -237,12 +237,12 @@ class DepthFrames:
 
 
 def spread_frames(
-    recording: Recording[Pair | DepthCamera], search: FloorSearch | None = None
+    recording: Recording[StereoPair | DepthCamera], search: FloorSearch | None = None
 ) -> PairFrames | DepthFrames:
     """Frames spread over a recording, in which its floor is measured. Raises WorkError: none can be used."""
-    if isinstance(recording.head, Pair):
+    if isinstance(recording.sensor, StereoPair):
         frames, view = frames_of_one_view(recording, (search or FloorSearch()).frames)
-        return PairFrames(recording.head.rig, frames, search, view)
+        return PairFrames(recording.sensor.rig, frames, search, view)
     return DepthFrames(cast(Recording[DepthCamera], recording), search)
 
 
@@ -386,7 +386,7 @@ def frames_of_one_view(recording: Recording[Any], count: int) -> tuple[list[Fram
     frames = recording.sample(count)
     if not frames:
         raise WorkError(f"{recording.path}: none of {recording.n_frames} frames can be used")
-    view = view_of_most([frame.images for frame in frames], recording.head.focal_widths)
+    view = view_of_most([frame.images for frame in frames], recording.sensor.focal_widths)
     usual = [frames[number] for number in view.usual]
     elsewhere = {frames[number].index: how for number, how in view.elsewhere.items()}
     return usual, view._replace(usual=[frame.index for frame in usual], elsewhere=elsewhere)

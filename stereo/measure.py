@@ -65,7 +65,7 @@ class PairMeasure:
         return depth
 
 
-class SensorMeasure:
+class DepthMeasure:
     """Depth that a sensor measured, at an n-th of its image's size."""
 
     def __init__(self, rectifier: RgbdRectifier, step: int) -> None:

@@ -17,14 +17,14 @@ from calib.camera import Camera
 from calib.errors import InputError
 from calib.images import as_colour
 from calib.pose import SE3
-from calib.rig import DepthSensor, StereoRig
+from calib.rig import DepthTechnology, StereoRig
 from calib.times import RunningClock
 from calib.types import F32, F64, U8, AnyArray
 from stereo.depth import Depths
 
 T = TypeVar("T")
 S = TypeVar("S")
-H = TypeVar("H", covariant=True)
+Sensor = TypeVar("Sensor", covariant=True)
 
 
 @dataclass
@@ -61,19 +61,19 @@ class OpenOptions:
 
 
 Shot = tuple[AnyArray, ...]
-"""What a head recorded at one moment: an image; or a left and a right one; or an image and its depth. Images as
+"""What a sensor recorded at one moment: an image; or a left and a right one; or an image and its depth. Images as
 recorded, lens distortion included, are (H, W) or (H, W, 3) uint8, BGR; depth is (H, W) float32 [m] along the optical
 axis of the image's pixels, NaN where unknown."""
 
 
 @dataclass(frozen=True, eq=False)
 class Frame(Generic[S]):
-    """What the heads of a recording recorded at one moment.
+    """What the sensors of a recording recorded at one moment.
 
     Attributes:
         index: position in the recording, from 0; skipped frames leave gaps.
         timestamp_s: seconds since the recording's first frame; NaN where nothing gives the times.
-        shots: of each head, None where it has none.
+        shots: of each sensor, None where it has none.
     """
 
     index: int
@@ -82,7 +82,7 @@ class Frame(Generic[S]):
 
     @property
     def images(self: Frame[Shot]) -> Shot:
-        """Of the first head, which stands for the others; empty where it has none."""
+        """Of the first sensor, which stands for the others; empty where it has none."""
         return self.shots[0] or ()
 
     @property
@@ -163,7 +163,7 @@ DecodedPair = tuple[Decoded, Decoded]
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
+class StereoPair:
     """Two cameras with their calibration at the images' size; ``world_SE3_left`` is that of ``world.toml``, else None
     (the floor is then found)."""
 
@@ -202,7 +202,7 @@ class DepthCamera:
 
     Attributes:
         camera, source: calibration of the images at their size, and where it came from, for messages and run.json.
-        sensor: how depth is measured.
+        technology: how depth is measured.
         registration: moves depth into the pixels of the image.
         world_SE3_left: of the image's camera, from ``world.toml``, else None (the floor is then found).
         depth_units: of depth as it is stored, also of frames read later; None where its metres are known.
@@ -211,7 +211,7 @@ class DepthCamera:
 
     camera: Camera
     source: str
-    sensor: DepthSensor
+    technology: DepthTechnology
     registration: Callable[[F32], F32]
     world_SE3_left: SE3 | None = None
     depth_units: Depths | None = None
@@ -220,8 +220,8 @@ class DepthCamera:
 
     @property
     def identity(self) -> list[Any]:
-        """See ``Pair``."""
-        return [self.camera, self.sensor]
+        """See ``StereoPair``."""
+        return [self.camera, self.technology]
 
     @property
     def focal_widths(self) -> float:
@@ -234,7 +234,7 @@ class DepthCamera:
 
 
 @dataclass(frozen=True, eq=False)
-class OneCamera:
+class SingleCamera:
     """A camera without depth, whose images are (width, height) [px] large."""
 
     size: tuple[int, int]
@@ -248,12 +248,12 @@ class OneCamera:
         return (image,)
 
 
-RecordedBy = Pair | DepthCamera | OneCamera
+RecordedBy = StereoPair | DepthCamera | SingleCamera
 
 
 @dataclass(eq=False, repr=False)
-class Recording(Generic[H]):
-    """Frames that one head recorded; each iteration starts at the first frame.
+class Recording(Generic[Sensor]):
+    """Frames that one sensor recorded; each iteration starts at the first frame.
 
     A frame of which an image is missing, or whose time is not after that of the frame before, is passed over and noted
     in ``skipped``; indices and times keep the gap.
@@ -264,7 +264,7 @@ class Recording(Generic[H]):
         n_frames: frames announced by the files (an upper bound).
         clock: when the frames were taken; ``fps`` and ``times_s`` are its.
         notes: what the reader assumed, repaired or missed, a sentence each.
-        head: what recorded it, with its calibration.
+        sensor: what recorded it, with its calibration.
         skipped: frames passed over so far while iterating.
         options: what it was opened with.
         files: of its images, in the order of the reader; none of live cameras.
@@ -275,12 +275,12 @@ class Recording(Generic[H]):
     n_frames: int
     clock: FrameClock
     notes: list[str]
-    head: H
+    sensor: Sensor
     skipped: list[Skipped] = field(default_factory=list, init=False)
     options: OpenOptions = field(default_factory=OpenOptions, kw_only=True)
     files: Sequence[Path] = field(default=(), kw_only=True)
     name: str = field(default="", init=False)
-    """Among several heads."""
+    """Among several sensors."""
     is_live: ClassVar = False
     """Whether frames come from cameras as they run."""
 
@@ -288,8 +288,8 @@ class Recording(Generic[H]):
         return f"{type(self).__name__}({str(self.path)!r}, {self.n_frames} frames, {self.fps:.4g} per second)"
 
     @property
-    def parts(self) -> tuple[Recording[H], ...]:
-        """A recording of each head: itself."""
+    def parts(self) -> tuple[Recording[Sensor], ...]:
+        """A recording of each sensor: itself."""
         return (self,)
 
     @property
@@ -326,16 +326,16 @@ class Recording(Generic[H]):
 
     def _frames(self, decoded: Iterable[tuple[Decoded, ...]]) -> Iterator[tuple[int, Frame[Shot] | Skipped]]:
         """Indices and frames in order, with times that run on where the clock was set."""
-        head, running = cast(RecordedBy, self.head), RunningClock(self.fps)
+        sensor, running = cast(RecordedBy, self.sensor), RunningClock(self.fps)
         for parts in decoded:
             index, now_s = parts[0].index, self.clock.time(parts[0])
             images = [part.image for part in parts if part.image is not None]
             if len(images) < len(parts):
-                reasons = zip(head.sides, parts, strict=True)
+                reasons = zip(sensor.sides, parts, strict=True)
                 yield index, Skipped(index, "; ".join(side + part.why for side, part in reasons if part.why))
                 continue
             now_s, why = (now_s, "") if math.isnan(self.fps) else running.time(index, now_s)
-            yield index, Skipped(index, why) if why else Frame(index, now_s, (head.shot(*images),))
+            yield index, Skipped(index, why) if why else Frame(index, now_s, (sensor.shot(*images),))
 
 
 def refuse_untimed(recording: Any) -> None:
@@ -344,7 +344,7 @@ def refuse_untimed(recording: Any) -> None:
         raise InputError(f"{recording.path}: {'; '.join(recording.clock.notes)}", remedy="fps")
 
 
-class LiveRecording(Recording[Pair]):
+class LiveRecording(Recording[StereoPair]):
     """Frames of two cameras as they run; every iteration begins with the next frame that comes."""
 
     is_live = True

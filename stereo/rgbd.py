@@ -14,7 +14,7 @@ import numpy as np
 
 from calib.camera import Camera
 from calib.kernels import kernel
-from calib.rig import DepthSensor, RgbdRig
+from calib.rig import DepthTechnology, RgbdRig
 from calib.types import F32, F64, U8
 from stereo.depth import DISPARITY_STD_PX, RectifiedGeometry
 from stereo.matcher import DISPARITY_STEP, DisparityRange
@@ -103,7 +103,7 @@ def register_depth(
                 nearest[row, col] = np.nan
 
 
-NOISE: dict[DepthSensor, tuple[float, float]] = {
+NOISE: dict[DepthTechnology, tuple[float, float]] = {
     "structured-light": (1.425e-3, 0.0), "time-of-flight": (5e-4, 0.005), "stereo": (4.7e-3, 0.0),
 }  # fmt: skip
 """Standard deviation of a measured depth z: growth with squared depth [1/m], and what is left however near [m].
@@ -122,11 +122,11 @@ class RgbdRectifier:
         mask: (H, W) uint8, 255 where the image shows something.
     """
 
-    def __init__(self, camera: Camera, sensor: DepthSensor, params: RectifyParams | None = None) -> None:
+    def __init__(self, camera: Camera, technology: DepthTechnology, params: RectifyParams | None = None) -> None:
         self.camera = camera
         p = params or RectifyParams()
         pinhole = ideal_pinhole(camera, np.eye(3), p.working_px, p.field_quantile, 1.0)
-        per_m2, min_m = NOISE[sensor]
+        per_m2, min_m = NOISE[technology]
         baseline_m = DISPARITY_STD_PX / (pinhole.focal_u_px * per_m2)
         self.geometry: RectifiedGeometry = replace(pinhole, baseline_m=baseline_m, depth_std_min_m=min_m)
         to_ray = np.asarray(np.linalg.inv(self.geometry.matrix), dtype=np.float64)

@@ -147,7 +147,7 @@ class Viewpoint:
 
 
 class Viewpoints:
-    """Where the cameras of a head look: one, or the two of a pair, by shots of it; without shots nowhere yet.
+    """Where the cameras of a sensor look: one, or the two of a pair, by shots of it; without shots nowhere yet.
 
     Attributes:
         cameras: of each the corners.
@@ -176,7 +176,7 @@ class Viewpoints:
 
 
 class Sway(NamedTuple):
-    """How far a head rotates to and fro [degrees]: its cameras together, and one against the other."""
+    """How far a sensor rotates to and fro [degrees]: its cameras together, and one against the other."""
 
     together_deg: float = 0.0
     apart_deg: float = 0.0
@@ -195,7 +195,7 @@ class Sway(NamedTuple):
 
     def move(self, mean: F64, now: F64) -> str:
         """Which camera looks elsewhere and by how much now, in words, from (cameras, 4) turns now and their mean over a
-        time; empty where the mean is no more than the head sways."""
+        time; empty where the mean is no more than the sensor sways."""
         turned = Sway.of(mean)
         if turned.apart_deg > APART_DEG + self.apart_deg:
             side = int(np.argmax(np.linalg.norm(mean, axis=1)))
@@ -279,7 +279,7 @@ def view_of_most(shots: Sequence[Sequence[AnyArray]], focal_widths: float) -> Sp
 
 
 class Standing(Carried):
-    """Follows whether the cameras of a head look where they looked at first, or when their floor was measured.
+    """Follows whether the cameras of a sensor look where they looked at first, or when their floor was measured.
 
     Attributes:
         moved_frames: in how many frames they did not.

@@ -69,7 +69,7 @@ for result in islice(planview.open_engine("my_recording"), 30):
 import planview
 
 recording = planview.open_recording("my_recording")
-rectifier = planview.Rectifier(recording.head.rig)
+rectifier = planview.Rectifier(recording.sensor.rig)
 matcher = planview.SgbmMatcher(rectifier.geometry)
 for frame in recording.at([0, 5]):
     pair = rectifier(*frame.images)

@@ -24,7 +24,7 @@ CANNOT_RUN = {
     r"planview check my_recording$": "tutorial.md runs it with pictures",
     r"planview .*video\.mp4": "needs a long video of one camera: test_single_camera_run.py, test_run_kinds.py",
     r"planview .*photos/": "needs photographs of a board: test_calibrate_commands.py",
-    r"planview .*\bhall\b(?!\.)": "needs two heads in one room: test_run_kinds.py",
+    r"planview .*\bhall\b(?!\.)": "needs two sensors in one room: test_run_kinds.py",
     r"planview sweep": "needs many recordings or a cluster: test_sweep.py, test_sweep_cluster.py",
     r"planview edit out --(join|delete|region|list) ": "names ids and files of an imaginary run: test_export.py",
     r"planview view": "opens a window",

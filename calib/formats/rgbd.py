@@ -1,7 +1,7 @@
 """Calibration of images with depth, as JSON, TOML or YAML of any tool: its keys are recognised, not its layout.
 
 A colour camera (``rgb``, ``color``, ..., or the file itself), optionally a depth camera, its pose (``depth_to_color``
-and such), a depth scale and what names the sensor. Without a pose the depth camera stands where the colour camera does;
+and such), a depth scale and what names the device. Without a pose the depth camera stands where the colour camera does;
 without a depth camera, or with one of the same numbers, depth is registered. Open3D's ``intrinsic_matrix`` and the
 rotations of RealSense's ``rs2_extrinsics`` are stored by columns.
 """
@@ -22,7 +22,7 @@ from calib.formats import base, refuse_other_aspect, refuse_strange_camera
 from calib.formats.base import Size
 from calib.io import closed_text, entries, parse_toml, size_text
 from calib.pose import SE3
-from calib.rig import IDENTITY, DepthSensor, RgbdRig
+from calib.rig import IDENTITY, DepthTechnology, RgbdRig
 from calib.types import F64
 
 PARSERS: dict[str, Callable[[str], Any]] = {
@@ -38,7 +38,7 @@ _ROTATION = ("r", "rotation", "rot")
 _TRANSLATION = ("t", "translation", "t_m", "translation_m", "t_mm")
 _DISTORTION = ("distortion", "distortion_coefficients", "coeffs", "d", "dist", "distcoeffs")
 _MATRIX = ("intrinsic_matrix", "camera_matrix", "k", "matrix", "intrinsics", "intrinsic")
-_SENSORS: dict[DepthSensor, str] = {
+_TECHNOLOGIES: dict[DepthTechnology, str] = {
     "time-of-flight": r"time.?of.?flight|\btof\b|azure|k4a|kinect.?(v2|2|one|azure)|femto|l515|[nw]fov",
     "structured-light": r"structured|kinect|xtion|primesense|astra|sr300|carmine",
     "stereo": r"stereo|realsense|\bd4\d\d|oak|\bzed",
@@ -117,7 +117,7 @@ def _rig(data: Mapping[str, Any], size: Size, depth_size: Size) -> RgbdRig:
     if tables["colour"] is data.get("left") and _is_camera(data.get("right")):
         raise ValueError("it is that of a stereo pair: name the camera of the images alone")
     colour = _camera(tables["colour"], data.get("distortion"), _COLOUR, size, "image")
-    rig = RgbdRig(colour, units_per_m=_units(data, tables.get("depth", {})), sensor=_sensor(data))
+    rig = RgbdRig(colour, units_per_m=_units(data, tables.get("depth", {})), technology=_technology(data))
     if "depth" not in tables:
         return rig
     pose = _pose(data, "ppx" in tables["colour"])
@@ -185,8 +185,8 @@ def _units(data: Mapping[str, Any], depth: Mapping[str, Any]) -> float | None:
     return None
 
 
-def _sensor(data: Mapping[str, Any]) -> DepthSensor | None:
-    """The sensor that a text of the file names."""
+def _technology(data: Mapping[str, Any]) -> DepthTechnology | None:
+    """How the device that a text of the file names measures depth."""
     names = ("sensor", "device", "camera_model", "model", "name", "depth_mode", "device_name")
     text = " ".join(str(data[name]) for name in names if isinstance(data.get(name), str)).lower()
-    return next((sensor for sensor, pattern in _SENSORS.items() if re.search(pattern, text)), None)
+    return next((technology for technology, pattern in _TECHNOLOGIES.items() if re.search(pattern, text)), None)

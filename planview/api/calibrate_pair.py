@@ -1,4 +1,4 @@
-"""Calibration of stereo pairs and heads, and in the browser."""
+"""Calibration of stereo pairs and sensors, and in the browser."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Calibrated(NamedTuple, Generic[_Found]):
 
 
 def align(
-    *heads: Path | str,
+    *sensors: Path | str,
     out: Path | str | None = None,
     clock: float = 10.0,
     fps: float | None = None,
@@ -46,20 +46,20 @@ def align(
     set: Sequence[str] = (),
     quiet: bool = False,
 ) -> Calibrated[list[RigAlignment]]:
-    """Find the relative pose of stereo heads from people who walk where both see them. No board, no markers.
+    """Find the relative pose of stereo sensors from people who walk where both see them. No board, no markers.
 
-    Every head is tracked by itself, above its own floor; heading, place and clock are those at which the people of one
-    head meet those of the other. Let one to three people walk around for a minute, with turns, in the floor that the
-    heads share: standing people, or one straight line, are not enough, and are refused.
+    Every sensor is tracked by itself, above its own floor; heading, place and clock are those at which its people meet
+    those of another. Let one to three people walk around for a minute, with turns, in the floor that the
+    sensors share: standing people, or one straight line, are not enough, and are refused.
 
     Example:
         planview calibrate align hall/north hall/south --out hall/rigs.toml
         planview run hall --out out
 
     Args:
-        heads: Recordings of two or more heads; the world and the clock of the first become the common ones, and each
-            must share floor with a head named before or after it.
-        out: rigs.toml to write, in a folder above all heads; that folder is then a recording of several heads.
+        sensors: Recordings of two or more sensors; world and clock of the first become the common ones, and each
+            must share floor with a sensor named before or after it.
+        out: rigs.toml to write, in a folder above all sensors; that folder is then a recording of several sensors.
         clock: Largest difference of the times at which the recordings begin [s]; a longer search takes longer.
         fps: Frames per second, where times are missing or wrong.
         config: TOML file with parameters of a run, a table per stage.
@@ -67,27 +67,27 @@ def align(
         quiet: Show no progress.
 
     Returns:
-        The alignment of every head but the first, in order.
+        The alignment of every sensor but the first, in order.
 
     Raises:
         InputError: fewer than two recordings, or one that cannot be read.
-        WorkError: the heads share no people, or these do not determine the pose.
+        WorkError: the sensors share no people, or these do not determine the pose.
     """
-    paths = [Path(head) for head in heads]
+    paths = [Path(sensor) for sensor in sensors]
     file = path_of(out)
     in_range("clock", clock, 0, 3600, " s")
     if len(paths) < 2:
-        raise InputError(f"calibrate align needs the recordings of two heads or more, found {len(paths)}")
-    if len({head.resolve() for head in paths}) < len(paths):
-        raise InputError(f"expected every head once, found {', '.join(map(str, paths))}")
+        raise InputError(f"calibrate align needs the recordings of two sensors or more, found {len(paths)}")
+    if len({sensor.resolve() for sensor in paths}) < len(paths):
+        raise InputError(f"expected every sensor once, found {', '.join(map(str, paths))}")
     if file is not None:
-        for head in paths:
-            relative_to(head, file.parent)
+        for sensor in paths:
+            relative_to(sensor, file.parent)
     parameters = settings(config, set)
     records = []
-    for head in paths:
-        with PlainConsole(stderr=True, quiet=quiet).status(f"tracking {head.name}"):
-            records.append(record_rig(head, parameters, fps))
+    for sensor in paths:
+        with PlainConsole(stderr=True, quiet=quiet).status(f"tracking {sensor.name}"):
+            records.append(record_rig(sensor, parameters, fps))
     alignments = align_records(records, clock)
     if file is not None:
         written = "found by planview calibrate align from people who walked"

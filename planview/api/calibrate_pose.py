@@ -34,7 +34,7 @@ from planview.output.run_folder import RunFolder
 from planview.trajectories.table import read_tracks
 from stereo.readers import OpenOptions, open_any
 from stereo.readers.open import open_video
-from stereo.recording import DepthCamera, OneCamera, Pair, Recording
+from stereo.recording import DepthCamera, Recording, SingleCamera, StereoPair
 
 
 def floor(
@@ -142,10 +142,10 @@ _LEGEND = [
 ]
 
 
-def _floor_of_run(recording: Recording[Pair | DepthCamera], tracks: Path) -> Floor:
+def _floor_of_run(recording: Recording[StereoPair | DepthCamera], tracks: Path) -> Floor:
     """The floor those tracks were made with: the recording's world.toml, else the one in run.json."""
-    if recording.head.world_SE3_left is not None:
-        return Floor(recording.head.world_SE3_left)
+    if recording.sensor.world_SE3_left is not None:
+        return Floor(recording.sensor.world_SE3_left)
     world = tracks.with_name("world.toml")
     if world.is_file():
         return load_world(world)
@@ -253,11 +253,11 @@ def _in_arguments(problem: str) -> str:
 
 
 def _size(
-    text: str | None, video: Recording[OneCamera] | None, recorded: tuple[int, int] | None, samples: Path
+    text: str | None, video: Recording[SingleCamera] | None, recorded: tuple[int, int] | None, samples: Path
 ) -> tuple[int, int]:
     """(width, height) of the samples' image; what is known of it from several places must agree."""
     given = None if text is None else parse_size(text, "image_size=")
-    sources = {"image_size=": given, "the video": None if video is None else video.head.size, str(samples): recorded}
+    sources = {"image_size=": given, "the video": None if video is None else video.sensor.size, str(samples): recorded}
     known = [(source, size) for source, size in sources.items() if size is not None]
     if not known:
         problem = "expected WxH, the size of the image in which the samples were marked, found none"
@@ -269,7 +269,7 @@ def _size(
     return width, height
 
 
-def _picture(found: HumanCalibration, samples: Sequence[HumanSample], video: Recording[OneCamera] | None) -> U8:
+def _picture(found: HumanCalibration, samples: Sequence[HumanSample], video: Recording[SingleCamera] | None) -> U8:
     """Given and computed features next to people all over the floor (figure 6)."""
     camera = found.camera
     image = _background(camera.size, samples, video)
@@ -280,7 +280,7 @@ def _picture(found: HumanCalibration, samples: Sequence[HumanSample], video: Rec
     return np.hstack([given, crowded])
 
 
-def _background(size: tuple[int, int], samples: Sequence[HumanSample], video: Recording[OneCamera] | None) -> U8:
+def _background(size: tuple[int, int], samples: Sequence[HumanSample], video: Recording[SingleCamera] | None) -> U8:
     """The frame of the first sample with the other samples' people pasted in, or plain grey without a video."""
     canvas: U8 = np.full((size[1], size[0], 3), 60, dtype=np.uint8)
     if video is None:

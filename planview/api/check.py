@@ -28,7 +28,7 @@ from stereo.readers import OpenOptions, find_layout
 from stereo.readers.base import Layout, Reader
 from stereo.readers.images import Stream
 from stereo.readers.open import is_multi_rig, rigs_file
-from stereo.recording import Pair
+from stereo.recording import StereoPair
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +79,8 @@ class RecordingContents:
         return as_text(self)
 
     def __rich__(self) -> RenderableType:
-        heads = self.found.get("heads", [self.found])
-        return Group(*(_listing(head, self.layout) for head in heads))
+        sensors = self.found.get("sensors", [self.found])
+        return Group(*(_listing(sensor, self.layout) for sensor in sensors))
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
@@ -110,7 +110,7 @@ def check(
 
     Args:
         recording: Folder, video, bag or address of a recording; the left one of two videos or folders of images; or
-            the folder of several heads with rigs.toml, which must agree on where people are.
+            the folder of several sensors with rigs.toml, which must agree on where people are.
         right: The right one.
         quick: Only list what it contains: layout, cameras, rates, gaps, calibration, and what is missing.
         calibration: Calibration file or folder, instead of the recording's own; or camera.toml or Tsai XML of one
@@ -138,9 +138,9 @@ def check(
     several = is_multi_rig(path)
     foreign = calibration or topics or right or corrected_rig
     if several and foreign is not None:
-        raise InputError(f"{foreign}: expected none of it for {path}, whose heads have their own")
+        raise InputError(f"{foreign}: expected none of it for {path}, whose sensors have their own")
     if quick and several:
-        return _contents_of_heads(path, options)
+        return _contents_of_sensors(path, options)
     if quick:
         try:
             reader, layout = find_layout(path, options)
@@ -155,7 +155,7 @@ def check(
     search = floor_search(settings(config, set))
     diagnosis = examine(path, options, frames=frames, person_height_m=known, search=search)
     files = []
-    for name, each in {"": diagnosis, **diagnosis.heads}.items():
+    for name, each in {"": diagnosis, **diagnosis.sensors}.items():
         if out is not None and each.seen:
             files += write_pictures(each.seen, each.floor, Path(out) / name)
     return RecordingChecks(diagnosis.checks, tuple(files), _corrected(diagnosis, path_of(corrected_rig)))
@@ -223,19 +223,19 @@ def _contents(path: Path, reader: Reader, layout: Layout) -> RecordingContents:
     calibration = None
     has_world = False
     if opened is not None:
-        camera = opened.head.camera
-        head = opened.head
+        camera = opened.sensor.camera
+        sensor = opened.sensor
         size = camera.size  # squeezed halves are stretched
-        has_world = head.world_SE3_left is not None
+        has_world = sensor.world_SE3_left is not None
         calibration = {
-            "source": head.source,
+            "source": sensor.source,
             "focal_px": camera.fx,
             "fov_deg": [
                 math.degrees(2.0 * math.atan(pixels / (2.0 * focal)))  # of the pinhole without its distortion
                 for pixels, focal in ((camera.width, camera.fx), (camera.height, camera.fy))
             ],
             "lens": camera.model if camera.distortion and any(camera.distortion) else "none",
-        } | ({"baseline_m": head.rig.baseline_m} if isinstance(head, Pair) else {})
+        } | ({"baseline_m": sensor.rig.baseline_m} if isinstance(sensor, StereoPair) else {})
     found = {
         "path": str(path),
         "reader": reader.key,
@@ -254,14 +254,14 @@ def _contents(path: Path, reader: Reader, layout: Layout) -> RecordingContents:
     return RecordingContents(reader.name, found, tuple(missing))
 
 
-def _contents_of_heads(path: Path, options: OpenOptions) -> RecordingContents:
-    """What the recording of each head holds."""
+def _contents_of_sensors(path: Path, options: OpenOptions) -> RecordingContents:
+    """What the recording of each sensor holds."""
     file = rigs_file(path)
     folders = [file.parent / entry.folder for entry in load_rigs(file)]
-    heads = [_contents(folder, *find_layout(folder, options)) for folder in folders]
-    missing = tuple(error for head in heads for error in head.missing)
-    found = {"path": str(path), "reader": "heads", "heads": [head.found for head in heads]}
-    return RecordingContents("several heads", found | {"missing": list(map(str, missing))}, missing)
+    sensors = [_contents(folder, *find_layout(folder, options)) for folder in folders]
+    missing = tuple(error for sensor in sensors for error in sensor.missing)
+    found = {"path": str(path), "reader": "sensors", "sensors": [sensor.found for sensor in sensors]}
+    return RecordingContents("several sensors", found | {"missing": list(map(str, missing))}, missing)
 
 
 def _camera(stream: Stream, nominal_fps: float | None) -> dict[str, Any]:

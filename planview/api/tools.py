@@ -105,8 +105,8 @@ def synth(
 ) -> Rendered:
     """Render a recording with calibration and exact truth from a TOML scene.
 
-    A scene with [[head]] tables in the place of [rig] (name, start_s, rig) gives a folder for each head and rigs.toml
-    with their true poses and clocks.
+    A scene with [[mount]] tables in the place of [rig] (name, start_s, rig) gives a folder for each sensor and
+    rigs.toml with their true poses and clocks.
 
     Example: planview synth data/synthetic/crossing.toml /tmp/crossing --frames 150
 
@@ -138,11 +138,11 @@ def synth(
     from planview.synthetic.write import load_rig_scenes, with_seed, write_recording, write_rigs
 
     storage: Storage = "video" if video else "jpg" if jpeg else "png"
-    heads = load_rig_scenes(Path(scene))
-    if heads and (opencv or world):
-        raise InputError("opencv and world are for one head: of several, rigs.toml is always written")
-    if heads:
-        written = [*write_rigs(with_seed(heads, seed), path, scale=scale, frames=frames, storage=storage)]
+    sensors = load_rig_scenes(Path(scene))
+    if sensors and (opencv or world):
+        raise InputError("opencv and world are for one sensor: of several, rigs.toml is always written")
+    if sensors:
+        written = [*write_rigs(with_seed(sensors, seed), path, scale=scale, frames=frames, storage=storage)]
     else:
         description = load_scene(Path(scene))
         description = description if seed is None else description.model_copy(update={"seed": seed})

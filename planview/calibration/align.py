@@ -133,12 +133,12 @@ def align_rigs(first: Paths, second: Paths, clock_s: float = 10.0, disparity_px:
     Raises WorkError: people do not determine it: too few, too short, standing, or walking so that several motions fit.
     """
     if not first or not second:
-        raise WorkError("expected people who walk in both heads' views, found none in one of them")
+        raise WorkError("expected people who walk in both sensors' views, found none in one of them")
     found = _hypotheses(first, second, clock_s)
     if not found:
         raise WorkError(
-            f"expected people who walk for {PIECE_S:g} s where both heads see them, found no path that fits "
-            f"another within {clock_s:g} s of clock: the heads see different places, or people stood"
+            f"expected people who walk for {PIECE_S:g} s where both sensors see them, found no path that fits "
+            f"another within {clock_s:g} s of clock: the sensors see different places, or people stood"
         )
     scores = np.array([met_s(hypothesis, first, second) for hypothesis in found])
     best = found[int(np.argmax(scores))]
@@ -148,13 +148,13 @@ def align_rigs(first: Paths, second: Paths, clock_s: float = 10.0, disparity_px:
     rival = max((score for other, score in zip(found, scores, strict=True) if _apart(best, other)), default=0.0)
     if rival > RIVAL_SHARE * max(top, float(scores.max())):
         raise WorkError(
-            "expected people who walk so that one position of the heads fits best, found another that fits "
+            "expected people who walk so that one position of the sensors fits best, found another that fits "
             f"{rival:.0f} s of their paths where the best fits {top:.0f} s: "
             "let people walk around instead of to and fro on a line"
         )
     if best.shared_s < SHARED_S:
         raise WorkError(
-            f"expected people in both heads' views for at least {SHARED_S:g} s, found {best.shared_s:.1f} s"
+            f"expected people in both sensors' views for at least {SHARED_S:g} s, found {best.shared_s:.1f} s"
         )
     for name, std, limit, unit in (
         ("position", 100 * best.position_std_m, 100 * STD_MAX_M, "cm"),
@@ -164,7 +164,7 @@ def align_rigs(first: Paths, second: Paths, clock_s: float = 10.0, disparity_px:
         if not std <= limit:
             raise WorkError(
                 f"expected the {name} within {limit:g} {unit}, found a deviation of {std:.1f} {unit}: people walked "
-                "too little, or straight at one speed, where both heads see them"
+                "too little, or straight at one speed, where both sensors see them"
             )
     return best
 
@@ -329,9 +329,9 @@ def rig_entries(records: Sequence[RigRecord], alignments: Sequence[RigAlignment]
     return entries
 
 
-def relative_to(head: Path, folder: Path) -> str:
+def relative_to(sensor: Path, folder: Path) -> str:
     """The path of a rig in the folder of ``rigs.toml``. Raises InputError: not in it."""
-    relative = os.path.relpath(head.resolve(), folder.resolve())
+    relative = os.path.relpath(sensor.resolve(), folder.resolve())
     if relative.startswith("..") or relative == ".":
-        raise InputError(f"expected rigs.toml in a folder above all heads, found {folder} for {head}")
+        raise InputError(f"expected rigs.toml in a folder above all sensors, found {folder} for {sensor}")
     return relative

@@ -21,7 +21,7 @@ from planview.drawing.image import Project, grid_lines
 from planview.trajectories.table import Trajectories
 from stereo.depth import RectifiedGeometry, median_image
 from stereo.floor import FloorSearch, spread_frames
-from stereo.recording import DepthCamera, Pair, Recording
+from stereo.recording import DepthCamera, Recording, StereoPair
 
 GRID_COLOUR = (90, 220, 90)
 AXIS_COLOUR = (60, 200, 255)
@@ -37,7 +37,7 @@ class FloorDepths:
         depth_of: the (H, W) float32 depth of a frame of the recording [m], NaN where unknown.
     """
 
-    def __init__(self, recording: Recording[Pair | DepthCamera], search: FloorSearch) -> None:
+    def __init__(self, recording: Recording[StereoPair | DepthCamera], search: FloorSearch) -> None:
         seen = spread_frames(recording, search)
         self.geometry = seen.rectifier.geometry
         self.image = seen.images[len(seen.frames) // 2]
@@ -79,7 +79,7 @@ class FloorDepths:
 
 
 def floor_from_tracks(
-    recording: Recording[Pair | DepthCamera], view: FloorDepths, tracks: Trajectories, used: Floor, path: Path
+    recording: Recording[StereoPair | DepthCamera], view: FloorDepths, tracks: Trajectories, used: Floor, path: Path
 ) -> Floor:
     """Refine the floor ``used`` in a run on a recording by where its tracks' heads and feet are (see
     ``calib.floor.find.floor_from_people``); ``path`` is that of the tracks, for messages."""

@@ -18,9 +18,9 @@ from calib.people.model import HumanModel
 from calib.people.samples import MIN_SAMPLES, HumanSample, choose_spread
 from calib.types import F64, U8, Bool
 from planview.engine.config import SingleCameraParams
-from planview.engine.head import CameraHead, StageClock
+from planview.engine.sensor import CameraSensor, StageClock
 from planview.foreground.ghosts import Blobs, find_blobs
-from stereo.recording import OneCamera, Recording, refuse_untimed
+from stereo.recording import Recording, SingleCamera, refuse_untimed
 
 GIVEN = (255, 140, 0)
 COMPUTED = (200, 60, 255)
@@ -104,7 +104,7 @@ class CollectedSamples(NamedTuple):
 
 
 def collect_samples(
-    video: Recording[OneCamera], count: int = 50, done: Callable[[], None] = lambda: None
+    video: Recording[SingleCamera], count: int = 50, done: Callable[[], None] = lambda: None
 ) -> CollectedSamples:
     """Take samples of people who walk by, where each is whole and apart from the others.
 
@@ -115,7 +115,7 @@ def collect_samples(
     samples, or none of a usual size.
     """
     refuse_untimed(video)
-    camera = CameraHead(SingleCameraParams(), video.head.size)
+    camera = CameraSensor(SingleCameraParams(), video.sensor.size)
     clock = StageClock()
     paths: list[_Path] = []
     for frame in video:

@@ -24,7 +24,6 @@ from calib.rig import Floor
 from calib.types import F64, U8
 from calib.world import RIGS_FILE
 from planview.checks.check import Check, limited
-from planview.checks.heads import watched_heads
 from planview.checks.motion import MotionWatch, repeated_check, still_checks, thumbnails_of
 from planview.checks.scene import (
     VALID_SHARE_MIN,
@@ -47,6 +46,7 @@ from planview.checks.scene import (
     standing_checks,
     standing_things,
 )
+from planview.checks.sensors import watch_sensors
 from planview.checks.timing import SpeedWatch, frame_checks
 from planview.drawing.style import Entry, Rgb, as_bgr, disparity_colours, with_colour_bar, with_legend
 from planview.maps.grid import FloorRig
@@ -54,8 +54,8 @@ from stereo.depth import Depth, back_project, median_image
 from stereo.floor import DepthFrames, FloorSearch, PairFrames, frames_of_one_view, spread_frames
 from stereo.matcher import SATURATED_LEVEL
 from stereo.readers import OpenOptions, find_layout, holds_pair, open_any, open_video
-from stereo.readers.open import SeveralHeads, is_multi_rig, open_rigs
-from stereo.recording import OneCamera, Recording, refuse_untimed
+from stereo.readers.open import SeveralSensors, is_multi_rig, open_rigs
+from stereo.recording import Recording, SingleCamera, refuse_untimed
 from stereo.viewpoint import SpreadView, Standing, Viewpoints
 
 LINE_STEP_PX = 25
@@ -125,12 +125,12 @@ def _saturated(image: U8) -> U8:
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """What was found: every check; of a pair or images with depth also the frames that were looked at and their floor,
-    where there is one; of several heads the same of each by its name."""
+    where there is one; of several sensors the same of each by its name."""
 
     checks: tuple[Check, ...]
     seen: PairFrames | DepthFrames | None = None
     floor: Floor | None = None
-    heads: Mapping[str, Diagnosis] = field(default_factory=dict)
+    sensors: Mapping[str, Diagnosis] = field(default_factory=dict)
 
 
 def examine(
@@ -142,7 +142,7 @@ def examine(
     search: FloorSearch | None = None,
 ) -> Diagnosis:
     """Examine a recording; of images with depth the checks of a pair are skipped, of one camera those of depth, too.
-    Several heads are examined one by one, and whether they agree.
+    Several sensors are examined one by one, and whether they agree.
 
     A recording that is refused (its calibration or its layout) fails the check "calibration and layout" with the
     reason, and there are no other checks.
@@ -162,7 +162,7 @@ def examine(
     options = options or OpenOptions()
     search = search or FloorSearch()
     if is_multi_rig(path):
-        return _examine_heads(open_rigs(path, options.fps), frames, person_height_m, search)
+        return _examine_sensors(open_rigs(path, options.fps), frames, person_height_m, search)
     try:
         recording = _video_of_one(path, options) or open_any(path, options)
     except InputError as error:
@@ -174,17 +174,17 @@ def examine(
     return _examine_depth(recording, frames, person_height_m, search)
 
 
-def _examine_heads(
-    recording: SeveralHeads, frames: int, person_height_m: float | None, search: FloorSearch
+def _examine_sensors(
+    recording: SeveralSensors, frames: int, person_height_m: float | None, search: FloorSearch
 ) -> Diagnosis:
-    """Every head on its own, and whether they agree on where people are."""
-    heads = {part.name: _examine_depth(part, frames, person_height_m, search) for part in recording.parts}
+    """Every sensor on its own, and whether they agree on where people are."""
+    sensors = {part.name: _examine_depth(part, frames, person_height_m, search) for part in recording.parts}
     checks = []
-    for name, head in heads.items():
-        checks += [replace(check, name=f"{name}: {check.name}") for check in head.checks]
-    seen = [head.seen for head in heads.values() if head.seen is not None]
-    checks += watched_heads(recording, seen, frames).checks()
-    return Diagnosis(tuple(checks), heads=heads)
+    for name, sensor in sensors.items():
+        checks += [replace(check, name=f"{name}: {check.name}") for check in sensor.checks]
+    seen = [sensor.seen for sensor in sensors.values() if sensor.seen is not None]
+    checks += watch_sensors(recording, seen, frames).checks()
+    return Diagnosis(tuple(checks), sensors=sensors)
 
 
 def _examine_depth(
@@ -199,7 +199,7 @@ def _examine_depth(
         floor = seen.floor()
     except WorkError as error:
         refused = str(error)
-    given = recording.head.world_SE3_left
+    given = recording.sensor.world_SE3_left
     file = RIGS_FILE if recording.name else "world.toml"
     run, times = _run_of(recording, seen.frames, seen.view, frames, search)
     if isinstance(seen, PairFrames):
@@ -209,7 +209,7 @@ def _examine_depth(
         seen_in_images = _image_checks(seen.frames, run)
         geometry = registration_checks(seen.frames, run)
     checks = [
-        Check("calibration and layout", True, math.nan, note=recording.head.source),
+        Check("calibration and layout", True, math.nan, note=recording.sensor.source),
         *times,
         *spread_checks(seen.view),
         *still_checks(seen, run),
@@ -245,7 +245,7 @@ def _image_checks(spread: Sequence[Any], run: Sequence[Any]) -> list[Check]:
     return [repeated_check([frame.image for frame in run]), *light, *fields_checks(spread)]
 
 
-def _video_of_one(path: Path, options: OpenOptions) -> tuple[Recording[OneCamera], GroundCamera | None] | None:
+def _video_of_one(path: Path, options: OpenOptions) -> tuple[Recording[SingleCamera], GroundCamera | None] | None:
     """The video of one camera and its camera.toml where one is given; None of everything else. Raises InputError: a
     camera.toml that is not of this video."""
     if options.calibration is not None:
@@ -264,18 +264,18 @@ def _video_of_one(path: Path, options: OpenOptions) -> tuple[Recording[OneCamera
         video = open_video(path, replace(options, calibration=None))
     except InputError:
         return None
-    return video, load_one_camera(options.calibration, video.head.size) if options.calibration else None
+    return video, load_one_camera(options.calibration, video.sensor.size) if options.calibration else None
 
 
 def _checks_of_one(
-    video: Recording[OneCamera], camera: GroundCamera | None, frames: int, search: FloorSearch
+    video: Recording[SingleCamera], camera: GroundCamera | None, frames: int, search: FloorSearch
 ) -> list[Check]:
     """Checks of one camera: times, light, whether it stands still, and its calibration. Raises InputError: frames
     without times."""
     refuse_untimed(video)
     spread, view = frames_of_one_view(video, search.frames)
     run, times = _run_of(video, spread, view, frames, search)
-    standing = Standing(Viewpoints([], video.head.focal_widths))
+    standing = Standing(Viewpoints([], video.sensor.focal_widths))
     for frame in run:
         standing.update(frame.index, frame.timestamp_s, frame.images)
     note = "one camera, no calibration: places are in pixels" if camera is None else "one camera, calibrated"

@@ -28,7 +28,7 @@ from stereo.doctor.overlay import SHIFT_PX_MAX, small_depths, small_images
 from stereo.doctor.pairs import CHANGE_LEVEL
 from stereo.floor import DepthFrames, FloorSearch, PairFrames
 from stereo.matcher import SATURATED_LEVEL
-from stereo.recording import DepthCamera, Frame, Pair, Recording, Shot
+from stereo.recording import DepthCamera, Frame, Recording, Shot, StereoPair
 from stereo.rig_correction import fit_correction
 from stereo.viewpoint import SpreadView, Standing, Sway
 
@@ -345,10 +345,10 @@ DOUBTED = frozenset({
 
 
 def explanation_checks(
-    recording: Recording[Pair | DepthCamera], checks: Sequence[Check], floor: Floor | None, search: FloorSearch
+    recording: Recording[StereoPair | DepthCamera], checks: Sequence[Check], floor: Floor | None, search: FloorSearch
 ) -> list[Check]:
     """What explains the checks that failed; nothing where there is nothing to explain."""
-    small = isinstance(recording.head, DepthCamera) and floor and floor.inlier_fraction < FLOOR_SHARE_DOUBTED
+    small = isinstance(recording.sensor, DepthCamera) and floor and floor.inlier_fraction < FLOOR_SHARE_DOUBTED
     failed = any(not check.ok and check.name in DOUBTED for check in checks)
     if not (failed or small):
         return []

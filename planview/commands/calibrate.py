@@ -19,11 +19,11 @@ from planview.output.progress import PlainConsole
 @command(api.align, own=JSON)
 def calibrate_align(call: Call) -> None:
     found, files = call()
-    names = [Path(head) for head in call["heads"][1:]]
+    names = [Path(sensor) for sensor in call["sensors"][1:]]
     for path, alignment in zip(names, found, strict=True):
         say(sentence(path.name, alignment))
     say(f"wrote {files[0]}" if files else "no rigs.toml written: --out FILE keeps the result")
-    call.prints_json({"heads": [report(path, one) for path, one in zip(names, found, strict=True)]})
+    call.prints_json({"sensors": [report(path, one) for path, one in zip(names, found, strict=True)]})
 
 
 def sentence(name: str, a: RigAlignment) -> str:
@@ -40,7 +40,7 @@ def report(path: Path, a: RigAlignment) -> dict[str, Any]:
     """One alignment for ``--json``."""
     values = {name: getattr(a, name) for name in ("x_m", "y_m", "position_std_m", "residual_m", "shared_s")}
     heading = {"heading_deg": math.degrees(a.heading_rad), "heading_std_deg": math.degrees(a.heading_std_rad)}
-    return {"head": str(path), **heading, **values, "start_s": a.clock_s, "start_std_s": a.clock_std_s}
+    return {"sensor": str(path), **heading, **values, "start_s": a.clock_s, "start_std_s": a.clock_std_s}
 
 
 @command(api.board, options=["square"], own=JSON)

@@ -16,8 +16,8 @@ from calib.times import unusable_time
 from calib.types import F32
 from planview.checks.check import Check
 from planview.engine.config import Config
-from planview.engine.head import Head, StageClock
 from planview.engine.info import CameraInfo, FloorInfo, camera_info, floor_info
+from planview.engine.sensor import Sensor, StageClock
 from planview.maps.grid import FloorRig
 from planview.maps.plan_view import joint_grid, plan_view
 from planview.maps.view import View
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 STAGES = ("read", "rectify", "match", "foreground", "maps", "track")
 """Stages timed, in order."""
 Measured = tuple[Any, ...]
-"""What each head measured in a frame; None where it has no shot."""
+"""What each sensor measured in a frame; None where it has no shot."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +42,11 @@ class FrameResult:
     Attributes:
         frame: index in the recording, from 0.
         timestamp_s: seconds since the first frame.
-        tracks: people, tentative and lost ones included, with their boxes in the image of the first head.
+        tracks: people, tentative and lost ones included, with their boxes in the image of the first sensor.
         decisions: why the tracker did what it did.
         observation: the tracker's input: the views and their maps.
         stages_ms: time of every stage; reading and matching run ahead in another thread.
-        stereo: the first head above the floor; None for one camera.
+        stereo: the first sensor above the floor; None for one camera.
     """
 
     frame: int
@@ -62,12 +62,12 @@ class FrameResult:
 
     @property
     def views(self) -> tuple[View, ...]:
-        """What each head shows."""
+        """What each sensor shows."""
         return self.observation.views
 
     @property
     def depth(self) -> Depth | None:
-        """What the first head measured; None for one camera, for recorded maps, and where it has no frame."""
+        """What the first sensor measured; None for one camera, for recorded maps, and where it has no frame."""
         return self.views[0].depth
 
     def template(self, track: TrackState) -> tuple[F32, F32] | None:
@@ -76,8 +76,8 @@ class FrameResult:
         return None if maps is None else maps.around(track.x_m, track.y_m)
 
     def point_cloud(self) -> PointCloud:
-        """What the first head measured, as an ``open3d.geometry.PointCloud``: metres on the axes of the tracks, colours
-        of the image. Raises InputError: one camera without depth, or recorded maps."""
+        """What the first sensor measured, as an ``open3d.geometry.PointCloud``: metres on the axes of the tracks,
+        colours of the image. Raises InputError: one camera without depth, or recorded maps."""
         if self.stereo is None or self.depth is None:
             raise InputError("expected a stereo pair or images with depth for a point cloud, found no disparity")
         pose = self.stereo.floor.world_SE3_left
@@ -121,9 +121,9 @@ class Engine:
     Attributes:
         recording: what is read.
         config: the full effective configuration.
-        heads: what recorded it, made ready; ``camera`` and ``size`` are those of the first, in whose image boxes are.
+        sensors: what recorded it, made ready; ``camera`` and ``size`` are those of the first, in whose image boxes are.
         tracker: follows people.
-        rigs: by name, the heads that measure depth, the first over the grid of the maps; empty for one camera.
+        rigs: by name, the sensors that measure depth, the first over the grid of the maps; empty for one camera.
         stereo: the first of these; None for one camera.
         ahead: frames that iteration measures ahead in a thread of their own; 0 for one thread.
         tracker_name: for run.json; "joint" and the like, else the class of the tracker.
@@ -135,42 +135,42 @@ class Engine:
         self,
         recording: Trackable,
         config: Config,
-        heads: Sequence[Head],
+        sensors: Sequence[Sensor],
         tracker: Tracker,
         camera_source: str = "given",
         tracker_name: str = "",
         own_parts: Mapping[str, object] | None = None,
     ) -> None:
-        """Join the maps of the heads.
+        """Join the maps of the sensors.
 
         Args:
             camera_source: where the calibration of a single camera is from.
-            own_parts: heads and tracker where None, as of an engine that is composed by hand.
+            own_parts: sensors and tracker where None, as of an engine that is composed by hand.
         Raises:
-            InputError: the floor that the heads cover together is larger than a grid may be.
+            InputError: the floor that the sensors cover together is larger than a grid may be.
         """
         self.tracker_name = tracker_name or type(tracker).__name__
-        by_hand = {f"head {head.name}".strip(): head for head in heads} | {"tracker": tracker}
+        by_hand = {f"sensor {sensor.name}".strip(): sensor for sensor in sensors} | {"tracker": tracker}
         self.own_parts = by_hand if own_parts is None else own_parts
         self.recording = recording
         self.config = config
-        self.heads = tuple(heads)
+        self.sensors = tuple(sensors)
         self.tracker = tracker
-        self.camera = heads[0].camera
-        self.size = heads[0].size
-        self.ahead = min(head.ahead for head in heads)
+        self.camera = sensors[0].camera
+        self.size = sensors[0].size
+        self.ahead = min(sensor.ahead for sensor in sensors)
         self._last_s = -math.inf
         self._camera_source = camera_source
-        self.rigs = {head.name: head.rig for head in heads if head.rig is not None}
+        self.rigs = {sensor.name: sensor.rig for sensor in sensors if sensor.rig is not None}
         self.stereo: FloorRig | None = None
-        if heads[0].rig is not None:
+        if sensors[0].rig is not None:
             try:
                 grid = joint_grid([rig.grid for rig in self.rigs.values()])
             except ValueError as error:
                 raise InputError(
-                    f"{recording.path}: expected heads of one place, found them far apart: {error}"
+                    f"{recording.path}: expected sensors of one place, found them far apart: {error}"
                 ) from error
-            self.stereo = self.rigs[heads[0].name] = replace(heads[0].rig, grid=grid)
+            self.stereo = self.rigs[sensors[0].name] = replace(sensors[0].rig, grid=grid)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.recording!r}, {type(self.tracker).__name__})"
@@ -217,27 +217,27 @@ class Engine:
 
     def _measure(self, frame: Frame[Any], clock: StageClock) -> Measured:
         """What depends on no tracking; it may run ahead in a thread of its own."""
-        if len(frame.shots) != len(self.heads):
-            raise InputError(f"frame: expected shots of {len(self.heads)} heads, found {len(frame.shots)}")
-        pairs = zip(self.heads, frame.shots, strict=True)
-        return tuple(None if shot is None else head.measure(shot, clock) for head, shot in pairs)
+        if len(frame.shots) != len(self.sensors):
+            raise InputError(f"frame: expected shots of {len(self.sensors)} sensors, found {len(frame.shots)}")
+        pairs = zip(self.sensors, frame.shots, strict=True)
+        return tuple(None if shot is None else sensor.measure(shot, clock) for sensor, shot in pairs)
 
     def _track(self, frame: Frame[Any], measured: Measured, clock: StageClock) -> FrameResult:
         if why := unusable_time(frame.timestamp_s, self._last_s):
             raise InputError(f"frame {frame.index}: {why}")
         clock.start()
-        views = tuple(head.look(each, frame, clock) for head, each in zip(self.heads, measured, strict=True))
+        views = tuple(sensor.look(each, frame, clock) for sensor, each in zip(self.sensors, measured, strict=True))
         observation = self._observation(frame, views)
         people = track_frame(self.tracker, observation)
-        for head, view in zip(self.heads, views, strict=True):
-            head.protect(people, view, self.tracker.decisions)
+        for sensor, view in zip(self.sensors, views, strict=True):
+            sensor.protect(people, view, self.tracker.decisions)
         clock.record("track")
         self._last_s = frame.timestamp_s
         at = frame.index, frame.timestamp_s
         return FrameResult(*at, people, self.tracker.decisions, observation, clock, self.stereo)
 
     def _observation(self, frame: Frame[Any], views: tuple[View, ...]) -> Observation:
-        builder = self.heads[0].views
+        builder = self.sensors[0].views
         if self.stereo is None or builder is None:
             return Observation(frame.index, frame.timestamp_s, views)
         build = partial(plan_view, [view.points for view in views], self.stereo.grid, builder.params)
@@ -247,20 +247,20 @@ class Engine:
         """Let a tracker of one camera look at every n-th frame before the first is tracked, as far as it wants to; what
         it learns survives ``reset``."""
         cast(ImageTracker, self.tracker).study(self._looked_at(every))
-        self._reset_heads()
+        self._reset_sensors()
 
     def _looked_at(self, every: int) -> Iterator[Observation]:
         for frame in self.recording:
             if frame.index % every == 0:
                 clock = StageClock()
                 measured = self._measure(frame, clock)
-                views = (head.look(each, frame, clock) for head, each in zip(self.heads, measured, strict=True))
+                views = (sensor.look(each, frame, clock) for sensor, each in zip(self.sensors, measured, strict=True))
                 yield self._observation(frame, tuple(views))
 
     @property
     def checks(self) -> list[Check]:
         """Checks of the recording so far; empty where nothing is checked."""
-        return [check for head in self.heads for check in head.checks]
+        return [check for sensor in self.sensors for check in sensor.checks]
 
     def camera_info(self) -> CameraInfo | None:
         """The camera as ``run.json`` has it; None for one that is not calibrated."""
@@ -274,7 +274,7 @@ class Engine:
         """Forget all frames: people, background and feedback."""
         self._last_s = -math.inf
         self.tracker.reset()
-        self._reset_heads()
+        self._reset_sensors()
 
     def state(self) -> dict[str, dict[str, Any]]:
         """A copy of all that is carried from frame to frame, by name of the part and of the value. Raises TypeError: a
@@ -293,16 +293,16 @@ class Engine:
         tracker: Any = self.tracker
         if not (hasattr(tracker, "state") and hasattr(tracker, "set_state")):
             raise TypeError(f"{type(tracker).__name__} has no state() and set_state()")
-        memory = {f"{name}{n}": part for n, head in enumerate(self.heads) for name, part in head.memory().items()}
+        memory = {f"{name}{n}": part for n, sensor in enumerate(self.sensors) for name, part in sensor.memory().items()}
         return {"tracker": tracker, **memory}
 
     def _forget_ahead(self) -> None:
-        """The heads remember what was tracked; who leaves an iteration early may have measured more."""
-        for head in self.heads:
-            for part in head.memory().values():
+        """The sensors remember what was tracked; who leaves an iteration early may have measured more."""
+        for sensor in self.sensors:
+            for part in sensor.memory().values():
                 part.set_state(part.state())
 
-    def _reset_heads(self) -> None:
-        for head in self.heads:
-            for part in head.memory().values():
+    def _reset_sensors(self) -> None:
+        for sensor in self.sensors:
+            for part in sensor.memory().values():
                 part.reset()

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import AliasChoices, BaseModel, ConfigDict, Field, field_validator
 
 from calib.floor_camera import FloorCamera, FloorPinhole
 from calib.ground_camera import GroundCamera
@@ -80,7 +80,7 @@ class CameraInfo(InfoPart):
     """Of a rig among several."""
     at_m: tuple[float, float] = (0.0, 0.0)
     """Where on the floor the camera is, world frame (x, y) [m]."""
-    heads: list[CameraInfo] = Field(default_factory=list)
+    sensors: list[CameraInfo] = Field(default_factory=list, validation_alias=AliasChoices("sensors", "heads"))
     """All cameras of a recording with several rigs, the first one included."""
 
 
@@ -92,14 +92,14 @@ def camera_info(camera: FloorCamera | None, rigs: Mapping[str, FloorRig]) -> Cam
         view_m = _outline(camera, max(VIEW_DISTANCE_M, 1.7 * camera.focal_px / 20.0))
         width, height = camera.size
         return CameraInfo(width=width, height=height, focal_px=camera.focal_px, lens=camera.lens, view_m=view_m)
-    heads = [_rig_info(rig) for rig in rigs.values()]
-    if len(heads) > 1:
-        for head, (name, rig) in zip(heads, rigs.items(), strict=True):
+    sensors = [_rig_info(rig) for rig in rigs.values()]
+    if len(sensors) > 1:
+        for sensor, (name, rig) in zip(sensors, rigs.items(), strict=True):
             x_m, y_m, _ = rig.floor.world_SE3_left.translation.tolist()
-            head.name = name
-            head.at_m = (x_m, y_m)
-        return heads[0].model_copy(update={"heads": heads})
-    return heads[0] if heads else None
+            sensor.name = name
+            sensor.at_m = (x_m, y_m)
+        return sensors[0].model_copy(update={"sensors": sensors})
+    return sensors[0] if sensors else None
 
 
 def _rig_info(rig: FloorRig) -> CameraInfo:
@@ -111,8 +111,8 @@ def _rig_info(rig: FloorRig) -> CameraInfo:
         focal_px=geometry.focal_u_px,
         focal_v_px=geometry.focal_v_px,
         center_px=(geometry.cu_px, geometry.cv_px),
-        baseline_m=geometry.baseline_m if rig.sensor is None else None,
-        depth_sensor=rig.sensor,
+        baseline_m=geometry.baseline_m if rig.technology is None else None,
+        depth_sensor=rig.technology,
         calibration=rig.calibration or None,
         correction=rig.correction or None,
         vertical_residual_px=None if math.isnan(residual_px) else residual_px,

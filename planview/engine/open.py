@@ -13,7 +13,7 @@ from calib.formats.one_camera import load_one_camera
 from calib.ground_camera import GroundCamera
 from planview.engine.config import Config, config_of
 from planview.engine.engine import Engine
-from planview.engine.head import CameraHead, Head, RecordedHead, RigHead
+from planview.engine.sensor import CameraSensor, RecordedSensor, RigSensor, Sensor
 from planview.engine.setup import Setup, set_up
 from planview.maps.grid import floor_in_view
 from planview.maps.recording import MapsRecording, RecordedViews, is_maps
@@ -24,13 +24,13 @@ from planview.tracking.template import TemplateTracker
 from planview.trajectories.boxes import Detections, load_detections
 from stereo.matcher import Matcher
 from stereo.readers import OpenOptions, holds_pair, open_any, open_video
-from stereo.readers.open import SeveralHeads, is_multi_rig, open_rigs
-from stereo.recording import OneCamera, Pair, Recording, refuse_untimed
+from stereo.readers.open import SeveralSensors, is_multi_rig, open_rigs
+from stereo.recording import Recording, SingleCamera, StereoPair, refuse_untimed
 
 TrackerName = Literal["joint", "template", "human-model", "ellipse-particle"]
 ImageTrackerName = Literal["human-model", "ellipse-particle"]
 AnyTracker = TrackerName | Tracker
-AnySource = Recording[Any] | SeveralHeads | MapsRecording
+AnySource = Recording[Any] | SeveralSensors | MapsRecording
 """Recordings of all kinds."""
 OVERVIEW_HZ = 10.0
 """Frames per second of a video that its tracker may look at before the first is tracked: walkers then overlap
@@ -81,12 +81,12 @@ def open_engine(
 def open_source(
     path: Path, options: OpenOptions, of_images: bool = False, camera: Path | GroundCamera | None = None
 ) -> AnySource:
-    """A recording of any kind: plan-view maps, several heads, a pair, images with depth or, where ``of_images`` says
-    that no depth is needed, one camera. Raises InputError: nothing there that can be read, or a calibration for heads
+    """A recording of any kind: plan-view maps, several sensors, a pair, images with depth or, where ``of_images`` says
+    that no depth is needed, one camera. Raises InputError: nothing there that can be read, or a calibration for sensors
     that have their own."""
     if is_maps(path) or is_multi_rig(path):
         if (foreign := camera or options.calibration) is not None:
-            raise InputError(f"{foreign}: expected no calibration for {path}, whose heads have their own")
+            raise InputError(f"{foreign}: expected no calibration for {path}, whose sensors have their own")
         return MapsRecording(path) if is_maps(path) else open_rigs(path, options.fps)
     if of_images and not (options.calibration or options.right or holds_pair(path)):
         return open_video(path, options)
@@ -107,18 +107,18 @@ def engine_of(
     """An engine for an open recording; arguments and errors are those of ``open_engine``.
 
     Args:
-        setup: of the recording of one head; ``set_up`` finds it when None.
+        setup: of the recording of one sensor; ``set_up`` finds it when None.
         study: the tracker of one camera looks at the beginning of the recording first.
     """
     config = config or _default_config(recording)
-    first = recording.parts[0].head
+    first = recording.parts[0].sensor
     name: str = tracker if isinstance(tracker, str) else ""
     own_parts: dict[str, object] = {} if name else {"tracker": tracker}
-    if matcher is not None and not all(isinstance(part.head, Pair) for part in recording.parts):
+    if matcher is not None and not all(isinstance(part.sensor, StereoPair) for part in recording.parts):
         raise InputError(f"{recording.path}: a matcher of your own needs a recording of stereo pairs alone")
     if setup is not None and len(recording.parts) > 1:
-        raise InputError(f"{recording.path}: a setup is of one head, and this recording has {len(recording.parts)}")
-    if isinstance(first, OneCamera):
+        raise InputError(f"{recording.path}: a setup is of one sensor, and this recording has {len(recording.parts)}")
+    if isinstance(first, SingleCamera):
         ground_camera = load_one_camera(camera, first.size) if isinstance(camera, Path) else camera
         if detections is not None:
             follower: ImageTracker = _box_tracker(recording.n_frames, first, detections, config, ground_camera)
@@ -127,9 +127,9 @@ def engine_of(
         else:
             follower = _image_tracker(_that_fits(tracker, "image", recording), config, ground_camera)
         refuse_untimed(recording)
-        head = CameraHead(config.single_camera, first.size, follower, ground_camera)
+        sensor = CameraSensor(config.single_camera, first.size, follower, ground_camera)
         source = camera.name if isinstance(camera, Path) else "given"
-        engine = Engine(recording, config, [head], follower, source, name, own_parts)
+        engine = Engine(recording, config, [sensor], follower, source, name, own_parts)
         if study:
             engine.study(max(1, round(recording.fps / OVERVIEW_HZ)))
         return engine
@@ -137,43 +137,43 @@ def engine_of(
         problem = f"{recording.path} is no video of one camera, and boxes are tracked in one image"
         raise InputError(problem, argument="detections")
     floor_tracker = _floor_tracker(_that_fits(tracker, "maps", recording), config)
-    heads = [_head_above_floor(part, config, matcher, setup) for part in recording.parts]
+    sensors = [_sensor_above_floor(part, config, matcher, setup) for part in recording.parts]
     matcher = setup.matcher if setup is not None else matcher
     if matcher is not None:
         own_parts["matcher"] = matcher
-    return Engine(recording, config, heads, floor_tracker, tracker_name=name, own_parts=own_parts)
+    return Engine(recording, config, sensors, floor_tracker, tracker_name=name, own_parts=own_parts)
 
 
-def _head_above_floor(part: Any, config: Config, matcher: Matcher | None, setup: Setup | None) -> Head:
+def _sensor_above_floor(part: Any, config: Config, matcher: Matcher | None, setup: Setup | None) -> Sensor:
     """What recorded a part of a recording, made ready."""
     refuse_untimed(part)
-    if isinstance(part.head, RecordedViews):
-        return _recorded_head(part.path, part.head, config)
-    return RigHead(setup or set_up(part, config, matcher), config, part.name)
+    if isinstance(part.sensor, RecordedViews):
+        return _recorded_sensor(part.path, part.sensor, config)
+    return RigSensor(setup or set_up(part, config, matcher), config, part.name)
 
 
-def _recorded_head(path: Path, head: RecordedViews, config: Config) -> RecordedHead:
+def _recorded_sensor(path: Path, sensor: RecordedViews, config: Config) -> RecordedSensor:
     """Raises InputError: a parameter that decided which points were recorded differs, or maps of another rig."""
-    recorded = recorded_config(path, head)
+    recorded = recorded_config(path, sensor)
     fixed = [(name, getattr(recorded, name), getattr(config, name)) for name in FIXED_TABLES]
     fixed += [(f"maps.{n}", getattr(recorded.maps, n), getattr(config.maps, n)) for n in FIXED_MAP_PARAMETERS]
     for name, before, now in fixed:
         if before != now:
             raise InputError(f"{path}: expected {name} as recorded, found it changed: the points depend on it")
-    rig = head.rig
+    rig = sensor.rig
     try:
         if floor_in_view(rig.geometry, rig.floor.world_SE3_left, recorded.maps) != rig.grid:
             raise ValueError("expected the grid of the rig and floor in the file, found one of another rig")
-        return RecordedHead(rig, config, str(path))
+        return RecordedSensor(rig, config, str(path))
     except ValueError as error:
         raise InputError(f"{path}: {error}") from error
 
 
-def recorded_config(path: Path, head: RecordedViews) -> Config:
+def recorded_config(path: Path, sensor: RecordedViews) -> Config:
     """The configuration that made a plan-view recording. Raises InputError: it has parameters that this version does
     not know."""
     try:
-        return Config.model_validate_json(head.config)
+        return Config.model_validate_json(sensor.config)
     except ValueError as error:
         raise InputError(
             f"{path}: expected the parameters of this version, found others: another version wrote the maps"
@@ -183,7 +183,7 @@ def recorded_config(path: Path, head: RecordedViews) -> Config:
 def _default_config(recording: AnySource) -> Config:
     """What parameters are changed from: those that made the plan-view maps, else the defaults."""
     if isinstance(recording, MapsRecording):
-        return recorded_config(recording.path, recording.head)
+        return recorded_config(recording.path, recording.sensor)
     return Config()
 
 
@@ -212,14 +212,14 @@ def _that_fits(tracker: AnyTracker, given: Literal["maps", "image"], recording: 
 
 def _box_tracker(
     n_frames: int,
-    head: OneCamera,
+    sensor: SingleCamera,
     detections: Path | str | Sequence[ArrayLike],
     config: Config,
     camera: GroundCamera | None,
 ) -> ImageTracker:
     """A tracker of another program's boxes: on the floor with a camera, in the image without one."""
     boxes = load_detections(Path(detections)) if isinstance(detections, str | Path) else Detections.of(detections)
-    boxes = boxes.within(head.size)
+    boxes = boxes.within(sensor.size)
     boxes = boxes.of_frames(n_frames) if n_frames > 0 else boxes
     if camera is None:
         return BoxTracker(boxes, config.detections.edge)

@@ -32,8 +32,8 @@ from stereo.doctor.diagnose import diagnose
 from stereo.doctor.hypotheses import UNEXPLAINED
 from stereo.floor import DepthFrames, FloorSearch, PairFrames, spread_frames
 from stereo.matcher import Matcher, disparity_range
-from stereo.measure import Measure, PairMeasure, SensorMeasure
-from stereo.recording import DepthCamera, Pair, Recording
+from stereo.measure import DepthMeasure, Measure, PairMeasure
+from stereo.recording import DepthCamera, Recording, StereoPair
 from stereo.rectify import Rectifier
 from stereo.viewpoint import Viewpoints
 
@@ -56,7 +56,7 @@ class Setup(FloorRig):
 
 
 def set_up(
-    recording: Recording[Pair | DepthCamera],
+    recording: Recording[StereoPair | DepthCamera],
     config: Config,
     matcher: Matcher | None = None,
 ) -> Setup:
@@ -95,7 +95,7 @@ def set_up(
 
 
 def _explained(
-    error: WorkError, checks: Sequence[Check], recording: Recording[Pair | DepthCamera], search: FloorSearch
+    error: WorkError, checks: Sequence[Check], recording: Recording[StereoPair | DepthCamera], search: FloorSearch
 ) -> WorkError:
     """A floor that is not found, behind what is wrong with the images and what would explain it."""
     reasons = [check.sentence for check in checks if check.failed]
@@ -104,8 +104,10 @@ def _explained(
     return WorkError(f"{recording.path}: {'; '.join([*reasons, str(error)])}", in_pictures=True)
 
 
-def _set_up_depth(recording: Recording[Pair | DepthCamera], seen: DepthFrames, config: Config, pose_file: str) -> Setup:
-    head = cast(DepthCamera, recording.head)
+def _set_up_depth(
+    recording: Recording[StereoPair | DepthCamera], seen: DepthFrames, config: Config, pose_file: str
+) -> Setup:
+    sensor = cast(DepthCamera, recording.sensor)
     try:
         floor, source = _floor_of(recording, seen, pose_file, config)
     except WorkError as error:
@@ -117,17 +119,17 @@ def _set_up_depth(recording: Recording[Pair | DepthCamera], seen: DepthFrames, c
     checks = [*floor_checks(floor), *run_checks(recording)]
     checks += explanation_checks(recording, checks, floor, floor_search(config))
     return Setup(
-        geometry, floor, source, head.source, math.nan, seen.searched, grid, step,
-        sensor=head.sensor, viewpoints=seen.viewpoints,
-        checks=tuple(checks), measure=SensorMeasure(seen.rectifier, step),
+        geometry, floor, source, sensor.source, math.nan, seen.searched, grid, step,
+        technology=sensor.technology, viewpoints=seen.viewpoints,
+        checks=tuple(checks), measure=DepthMeasure(seen.rectifier, step),
     )  # fmt: skip
 
 
 def _floor_of(
-    recording: Recording[Pair | DepthCamera], seen: PairFrames | DepthFrames, pose_file: str, config: Config
+    recording: Recording[StereoPair | DepthCamera], seen: PairFrames | DepthFrames, pose_file: str, config: Config
 ) -> tuple[Floor, str]:
     """The floor of a recording and where it came from: the given one, unless the images show that it is so no more."""
-    given = recording.head.world_SE3_left
+    given = recording.sensor.world_SE3_left
     if given is None:
         return seen.floor(), "found"
     _analysed(recording.path, seen.rectifier.geometry, Floor(given), pose_file, config)  # one out of view is refused

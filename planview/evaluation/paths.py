@@ -1,4 +1,4 @@
-"""Paths on the floor as two heads see them, and how they lie over each other in place and time."""
+"""Paths on the floor as two sensors see them, and how they lie over each other in place and time."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from pydantic import Field
 from calib.floor_camera import FloorPinhole
 from calib.params import Params
 from calib.pose import SE3
-from calib.rig import DepthSensor, Floor
+from calib.rig import DepthTechnology, Floor
 from stereo.depth import RectifiedGeometry
 from stereo.matcher import DisparityRange
 
@@ -123,7 +123,7 @@ class FloorRig:
         disparities: range searched.
         grid: cells of the plan-view maps.
         reduction: foreground and maps use every ``reduction``-th row and column of the rectified image.
-        sensor: how depth was measured; None where a pair was matched.
+        technology: how depth was measured; None where a pair was matched.
         correction: sentence on how the recording corrects the calibration; empty when that was not looked at.
     """
 
@@ -135,7 +135,7 @@ class FloorRig:
     disparities: DisparityRange
     grid: Grid
     reduction: int
-    sensor: DepthSensor | None = None
+    technology: DepthTechnology | None = None
     correction: str = ""
 
     @property

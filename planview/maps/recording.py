@@ -25,7 +25,7 @@ import numpy as np
 from calib.errors import InputError, WorkError
 from calib.io import reason, refuse_full_disk
 from calib.pose import SE3
-from calib.rig import DepthSensor, Floor
+from calib.rig import DepthTechnology, Floor
 from calib.types import F32, I32, U8, AnyArray
 from calib.world import MAX_AWAY_M, refuse_strange_pose
 from planview.maps.grid import MAX_CELLS, FloorRig, Grid
@@ -58,7 +58,7 @@ COLUMNS: dict[str, type] = {
 
 @dataclass(frozen=True, eq=False)
 class RecordedPoints:
-    """The foreground points of one frame: the shot of a head whose views were recorded.
+    """The foreground points of one frame: the shot of a sensor whose views were recorded.
 
     Attributes:
         pixels: (N,) int32, row * width + column at the size of foreground and maps, ascending.
@@ -103,7 +103,7 @@ class MapsRecording:
 
     Attributes:
         path: the file.
-        head: the rig, its floor, the grid of the maps and the configuration.
+        sensor: the rig, its floor, the grid of the maps and the configuration.
         n_frames, fps, files, skipped, notes, options: see ``stereo.recording.Recording``.
     """
 
@@ -117,7 +117,7 @@ class MapsRecording:
         self.files = (path,)
         with _reading(path), opened(path) as file:
             _check_version(path, file)
-            self.head = RecordedViews(_read_rig(file), str(file.attrs["config"]))
+            self.sensor = RecordedViews(_read_rig(file), str(file.attrs["config"]))
             self.fps = _number(file.attrs["fps"], "fps", 1e-3, 1e4)
             self._indices, self._times, self._ends, self._unmatched_ends, self._renewed = (
                 _column(file, name, kind) for name, kind in COLUMNS.items() if name.startswith(("frames", "background"))
@@ -132,7 +132,7 @@ class MapsRecording:
 
     @property
     def parts(self) -> tuple[MapsRecording, ...]:
-        """A recording of each head: itself."""
+        """A recording of each sensor: itself."""
         return (self,)
 
     def __repr__(self) -> str:
@@ -154,7 +154,7 @@ class MapsRecording:
 
     def _frame(self, file: Any, n: int, own: dict[str, AnyArray]) -> Frame[RecordedPoints]:
         """The n-th frame with its points."""
-        index, (height, width), background = int(self._indices[n]), self.head.rig.shape, None
+        index, (height, width), background = int(self._indices[n]), self.sensor.rig.shape, None
         pixels, disparities, unmatched = (own[name] for name in ("points/pixel", "points/disparity", "unmatched/pixel"))
         codes = own.get(APPEARANCE)
         wrong = ""
@@ -167,14 +167,14 @@ class MapsRecording:
         if wrong:
             raise InputError(f"{self.path}: frame {index}: expected {wrong}, found others")
         for row in np.flatnonzero(self._renewed == index)[:1].tolist():
-            background = np.asarray(file["background/disparity"][row], np.float32).reshape(self.head.rig.shape)
+            background = np.asarray(file["background/disparity"][row], np.float32).reshape(self.sensor.rig.shape)
         points = RecordedPoints(pixels, disparities, codes, unmatched, background)
         return Frame(index, float(self._times[n]), (points,))
 
     def _check_tables(self, file: Any) -> None:
         """Columns fit the frames, and hold what the kernels may be given."""
         n = len(self._indices)
-        pixels = math.prod(self.head.rig.shape)
+        pixels = math.prod(self.sensor.rig.shape)
         if not n == len(self._times) == len(self._ends):
             raise ValueError("columns of frames that differ in length")
         if (np.diff(self._indices, prepend=-1) <= 0).any():
@@ -232,9 +232,9 @@ def _read_rig(file: Any) -> FloorRig:
     pose = SE3.from_matrix(floor["world_SE3_left"])
     refuse_strange_pose(pose)
     extent = tuple(_number(v, "extent_m", -np.inf, np.inf) for v in floor.get("extent_m", ()))
-    sensor = rig.get("sensor")
-    if sensor not in (None, *get_args(DepthSensor)):
-        raise ValueError(f"a sensor {sensor!r:.40}")
+    technology = rig.get("sensor")
+    if technology not in (None, *get_args(DepthTechnology)):
+        raise ValueError(f"a sensor {technology!r:.40}")
     return FloorRig(
         geometry=RectifiedGeometry(**_fields(rig, RectifiedGeometry)),
         floor=Floor(
@@ -247,7 +247,7 @@ def _read_rig(file: Any) -> FloorRig:
         disparities=DisparityRange(**_fields(rig, DisparityRange)),
         grid=Grid(**_fields(dict(file["grid"].attrs), Grid)),
         reduction=int(_number(rig["reduction"], "reduction", *RANGES["reduction"])),
-        sensor=sensor,
+        technology=technology,
         correction=str(rig["correction"]),
     )  # fmt: skip
 
@@ -296,11 +296,11 @@ class MapsWriter:
 
     Args:
         path: the file to make.
-        head: the rig, its floor, the grid of the maps and the configuration.
+        sensor: the rig, its floor, the grid of the maps and the configuration.
         fps: nominal frames per second.
     """
 
-    def __init__(self, path: Path, head: RecordedViews, fps: float) -> None:
+    def __init__(self, path: Path, sensor: RecordedViews, fps: float) -> None:
         from h5py import File  # a tenth of a second, and few runs write maps
 
         self._path = path
@@ -308,11 +308,11 @@ class MapsWriter:
         with _writing(path):
             refuse_full_disk(path)
             self._file = File(path, "w")
-            self._file.attrs.update(format=FORMAT, version=VERSION, config=head.config, fps=fps)
-            _write_rig(self._file, head.rig)
+            self._file.attrs.update(format=FORMAT, version=VERSION, config=sensor.config, fps=fps)
+            _write_rig(self._file, sensor.rig)
             for name, kind in COLUMNS.items():
                 self._column(name, kind)
-            self._column("background/disparity", np.float32, math.prod(head.rig.shape))
+            self._column("background/disparity", np.float32, math.prod(sensor.rig.shape))
 
     def add(self, frame: Frame[RecordedPoints]) -> None:
         """Append a frame."""
@@ -384,8 +384,8 @@ def _write_rig(file: Any, view: FloorRig) -> None:
     rig = asdict(view.geometry) | asdict(view.disparities)
     rig |= {"reduction": view.reduction, "calibration": view.calibration}
     rig |= {"vertical_residual_px": view.vertical_residual_px, "correction": view.correction}
-    if view.sensor is not None:
-        rig["sensor"] = view.sensor
+    if view.technology is not None:
+        rig["sensor"] = view.technology
     file.create_group("rig").attrs.update(rig)
     file.create_group("floor").attrs.update(
         world_SE3_left=floor.world_SE3_left.matrix, inlier_fraction=floor.inlier_fraction,

@@ -73,7 +73,7 @@ class RunInfo(InfoPart):
     tracker: str = ""
     """"joint", "human-model" or "ellipse-particle"."""
     own_parts: dict[str, str] = Field(default_factory=dict)
-    """Parts that the user gave (``matcher``, ``tracker``, ``head``, ``detections``): their class, with their identity
+    """Parts that the user gave (``matcher``, ``tracker``, ``sensor``, ``detections``): their class, with their identity
     where they have one, or their file."""
     state: Literal["", "running", "interrupted", "finished"] = ""
     """"running" while it runs, and after it was killed; "interrupted" when it was stopped or failed."""

@@ -31,8 +31,8 @@ from planview.output.run_folder import RunFolder
 from stereo.depth import median_image, point_cloud
 from stereo.floor import setup_frames
 from stereo.readers import OpenOptions, holds_pair, open_any
-from stereo.readers.open import SeveralHeads
-from stereo.recording import DepthCamera, Frame, OneCamera, Recording, Shot
+from stereo.readers.open import SeveralSensors
+from stereo.recording import DepthCamera, Frame, Recording, Shot, SingleCamera
 from stereo.rectify import Rectifier
 from stereo.rgbd import RgbdRectifier
 
@@ -205,10 +205,10 @@ def write_still(composer: SceneComposer, frames: SceneFrames | None, frame: int,
 
 
 class SceneFrames:
-    """Images of a recording, of several heads those of the first, as frame and (H, W[, 3]) uint8 BGR, in whose pixels
+    """Images of a recording, of several sensors those of the first, as frame and (H, W[, 3]) uint8 BGR, in whose pixels
     the boxes of tracks.csv are."""
 
-    def __init__(self, recording: Recording[Any] | SeveralHeads, image_of: Callable[[Shot], U8]) -> None:
+    def __init__(self, recording: Recording[Any] | SeveralSensors, image_of: Callable[[Shot], U8]) -> None:
         self._recording = recording
         self._image_of = image_of
 
@@ -242,13 +242,13 @@ def open_frames(run: RunFolder) -> SceneFrames:
     recording = open_source(path, run.options, is_one_camera)
     if isinstance(recording, MapsRecording):
         raise InputError(f"{path}: expected a recording with images, found plan-view maps")
-    head = recording.parts[0].head
-    if isinstance(head, OneCamera):
+    sensor = recording.parts[0].sensor
+    if isinstance(sensor, SingleCamera):
         return SceneFrames(recording, lambda shot: shot[0])
-    if isinstance(head, DepthCamera):
-        sensor = RgbdRectifier(head.camera, head.sensor, run.config.rectify)
-        return SceneFrames(recording, lambda shot: sensor(*shot)[0])
-    pair = Rectifier(head.rig, run.config.rectify)
+    if isinstance(sensor, DepthCamera):
+        rectifier = RgbdRectifier(sensor.camera, sensor.technology, run.config.rectify)
+        return SceneFrames(recording, lambda shot: rectifier(*shot)[0])
+    pair = Rectifier(sensor.rig, run.config.rectify)
     return SceneFrames(recording, lambda shot: pair(*shot).image)
 
 

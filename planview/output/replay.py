@@ -151,7 +151,7 @@ def replay_run(
     recording. Raises InputError: no recording any more, or parameters that its maps exclude. WorkError: the recording
     ends before the frame."""
     path = _source(results, config)
-    # Maps hold what a matcher and heads of the user's own measured.
+    # Maps hold what a matcher and sensors of the user's own measured.
     results.refuse_own_parts(["tracker"] if is_maps(path) else results.info.own_parts)
     options = None if is_maps(path) else results.options
     camera = results.camera if isinstance(results.camera, GroundCamera) else None

@@ -85,9 +85,9 @@ class RerunFrames:
     def _log_images(self, result: FrameResult) -> None:
         """Log what takes room: images, cloud, maps and what the tracker looked at."""
         path = "image"
-        for head, view in zip(self._engine.heads, result.views, strict=True):
-            if head is not self._engine.heads[0]:
-                path = f"{head.name}/image"
+        for sensor, view in zip(self._engine.sensors, result.views, strict=True):
+            if sensor is not self._engine.sensors[0]:
+                path = f"{sensor.name}/image"
             image = view.image if view.depth is None else view.depth.picture()
             if image is not None:
                 self._log_image(path, image, view.foreground)

@@ -62,7 +62,7 @@ def known_identity(info: RunInfo) -> dict[str, dict[str, Any]]:
     """The parts of a run's identity that run.json holds."""
     values = info.model_dump(mode="json")
     camera = values["rig"]
-    for one in [camera, *camera["heads"]] if camera else []:
+    for one in [camera, *camera["sensors"]] if camera else []:
         del one["calibration"]  # a copy elsewhere is the same
     if values["floor"]:
         del values["floor"]["source"]
@@ -106,8 +106,8 @@ def library_versions() -> dict[str, str]:
 
 
 def calibration_key(recording: Any) -> str:
-    """Digest of what a recording was opened with, besides its images: cameras and times of every head, by number."""
-    parts = [[*part.head.identity, getattr(part, "times_s", None)] for part in recording.parts]
+    """Digest of what a recording was opened with, besides its images: cameras and times of every sensor, by number."""
+    parts = [[*part.sensor.identity, getattr(part, "times_s", None)] for part in recording.parts]
     return digest_of([parts, getattr(recording, "starts_s", ())])
 
 

@@ -24,7 +24,7 @@ from calib.errors import WorkError
 from calib.times import PAUSE_S, jump_note
 from planview.checks.check import Check
 from planview.checks.examine import RecordingWatch, refuse_unless_ok
-from planview.checks.heads import HeadPaths, HeadsWatch
+from planview.checks.sensors import SensorPaths, SensorsWatch
 from planview.counting.events import Event
 from planview.counting.stream import Analytics
 from planview.counting.totals import Counts
@@ -205,13 +205,13 @@ class RunTotals(Carried):
 class RunChecks(Carried):
     """Watches a run; ``strict``: raise InputError when a check fails, before the first frame and while tracking."""
 
-    CARRIED = "_watch", "_heads", "_frames"
+    CARRIED = "_watch", "_sensors", "_frames"
 
     def __init__(self, engine: Engine, strict: bool) -> None:
         self._engine = engine
         self._strict = strict
         self._watch = None if engine.stereo is None else RecordingWatch(engine.stereo)
-        self._heads = HeadsWatch([HeadPaths(name, rig.camera) for name, rig in engine.rigs.items()])
+        self._sensors = SensorsWatch([SensorPaths(name, rig.camera) for name, rig in engine.rigs.items()])
         self._frames = 0
         self.refuse()
 
@@ -222,7 +222,7 @@ class RunChecks(Carried):
             places = {person.track_id: (person.x_m, person.y_m) for person in confirmed}
             self._watch.update(result.timestamp_s, result.depth, result.views[0].foreground, places)
         if len(self._engine.rigs) > 1:
-            self._heads.update(result.timestamp_s, [view.points for view in result.views])
+            self._sensors.update(result.timestamp_s, [view.points for view in result.views])
         self._frames += 1
         if self._frames % 60 == 0:
             self.refuse()
@@ -243,7 +243,7 @@ class RunChecks(Carried):
 
     def _all(self) -> list[Check]:
         watched = [] if self._watch is None else self._watch.checks()
-        return [*self._engine.checks, *watched, *self._heads.checks()]
+        return [*self._engine.checks, *watched, *self._sensors.checks()]
 
 
 class _Run:

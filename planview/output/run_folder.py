@@ -252,7 +252,7 @@ class RunFolder:
     def cameras(self) -> list[tuple[tuple[float, float], F64]]:
         """Place on the floor and outline of the view (N, 2) of every camera [m]."""
         rig = self.info.rig
-        views = [] if rig is None else rig.heads or [rig]
+        views = [] if rig is None else rig.sensors or [rig]
         return [(view.at_m, np.array(view.view_m, dtype=np.float64).reshape(-1, 2)) for view in views]
 
     def bounds(self) -> PlanBounds:

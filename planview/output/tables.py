@@ -145,10 +145,10 @@ class RunTables:
 
 
 def refuse_unrecorded(engine: Engine) -> None:
-    """Raises InputError: the views of an engine's heads cannot be recorded as plan-view maps."""
-    if len(engine.heads) > 1:
-        raise InputError("maps.h5 holds the view of one head, and the recording has several heads", argument="maps")
-    if not engine.heads[0].records:
+    """Raises InputError: the views of an engine's sensors cannot be recorded as plan-view maps."""
+    if len(engine.sensors) > 1:
+        raise InputError("maps.h5 holds the view of one sensor, and the recording has several sensors", argument="maps")
+    if not engine.sensors[0].records:
         found = "recorded maps" if engine.rigs else "a camera without depth"
         raise InputError(f"expected a stereo pair or images with depth, found {found}", argument="maps")
 
@@ -171,8 +171,8 @@ class MapsLog:
         self._recording = engine.recording
         self._path = path
         self._open_path = path.with_name(path.name + PART)
-        head = RecordedViews(engine.rigs[engine.heads[0].name], engine.config.model_dump_json())
-        self._new_writer = partial(MapsWriter, head=head, fps=engine.recording.fps)
+        sensor = RecordedViews(engine.rigs[engine.sensors[0].name], engine.config.model_dump_json())
+        self._new_writer = partial(MapsWriter, sensor=sensor, fps=engine.recording.fps)
         self._parts = 0
         if position is not None:
             self._resume(position["parts"])

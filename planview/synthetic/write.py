@@ -118,7 +118,7 @@ def _write_frames(renderer: SceneRenderer, folder: Path, count: int, storage: St
 
 
 class RigMount(Params):
-    """A stereo head of a scene: ``[[head]]`` in its TOML."""
+    """A stereo sensor of a scene: ``[[mount]]`` in its TOML."""
 
     name: str = Field(pattern=r"^[A-Za-z0-9_-]{1,40}$")
     """Folder of its recording."""
@@ -129,68 +129,70 @@ class RigMount(Params):
 
 @dataclass(frozen=True, eq=False)
 class RigScene:
-    """A head and the scene as it records it."""
+    """A sensor and the scene as it records it."""
 
     mount: RigMount
     scene: Scene
 
     def renderer(self, scale: float = 1.0) -> SceneRenderer:
-        """Renders the recording of this head."""
+        """Renders the recording of this sensor."""
         return SceneRenderer(self.scene, scale, self.mount.start_s)
 
 
 def rigs_of(table: dict[str, Any], source: str) -> tuple[RigScene, ...]:
-    """The heads of a scene's table, which has ``[[head]]`` in the place of ``[rig]``. Raises InputError: an unknown
-    key, a value out of range, or two heads of one name."""
-    rest = {key: value for key, value in table.items() if key != "head"}
+    """The sensors of a scene's table, which has ``[[mount]]`` in the place of ``[rig]``. Raises InputError: an unknown
+    key, a value out of range, or two sensors of one name."""
+    rest = {key: value for key, value in table.items() if key != "mount"}
     try:
-        mounts = [RigMount.model_validate(entry) for entry in table["head"]]
-        heads = tuple(RigScene(m, Scene.model_validate(rest | {"rig": m.rig})) for m in mounts)
+        mounts = [RigMount.model_validate(entry) for entry in table["mount"]]
+        sensors = tuple(RigScene(m, Scene.model_validate(rest | {"rig": m.rig})) for m in mounts)
     except ValidationError as error:
         raise InputError(f"{source}: {first_problem(error)}") from error
     if len({m.name for m in mounts}) != len(mounts) or not mounts:
-        raise InputError(f"{source}: expected heads with a name of their own, found {[m.name for m in mounts]}")
-    return heads
+        raise InputError(f"{source}: expected sensors with a name of their own, found {[m.name for m in mounts]}")
+    return sensors
 
 
 def load_rig_scenes(path: Path) -> tuple[RigScene, ...]:
-    """Read a scene with ``[[head]]`` tables; empty for a scene with one rig or camera. Raises InputError: unreadable,
+    """Read a scene with ``[[mount]]`` tables; empty for a scene with one rig or camera. Raises InputError: unreadable,
     or not TOML, and as ``rigs_of``."""
     table = load_toml(path, "a scene in TOML")
-    return rigs_of(table, str(path)) if "head" in table else ()
+    if "head" in table:  # as older scenes call it
+        table["mount"] = table.pop("head")
+    return rigs_of(table, str(path)) if "mount" in table else ()
 
 
-def with_seed(heads: tuple[RigScene, ...], seed: int | None) -> tuple[RigScene, ...]:
-    """The heads of the same scene with another seed; unchanged without one."""
+def with_seed(sensors: tuple[RigScene, ...], seed: int | None) -> tuple[RigScene, ...]:
+    """The sensors of the same scene with another seed; unchanged without one."""
     if seed is None:
-        return heads
-    return tuple(RigScene(h.mount, h.scene.model_copy(update={"seed": seed})) for h in heads)
+        return sensors
+    return tuple(RigScene(h.mount, h.scene.model_copy(update={"seed": seed})) for h in sensors)
 
 
 def write_rigs(
-    heads: tuple[RigScene, ...],
+    sensors: tuple[RigScene, ...],
     folder: Path,
     *,
     scale: float = 1.0,
     frames: int | None = None,
     storage: Storage = "png",
 ) -> list[Written]:
-    """Render every head into a folder of its name, and write the true ``rigs.toml`` next to them.
+    """Render every sensor into a folder of its name, and write the true ``rigs.toml`` next to them.
 
-    The common world is that of the first head. Arguments and errors are those of ``write_recording``.
+    The common world is that of the first sensor. Arguments and errors are those of ``write_recording``.
     """
     written = []
     entries = []
     common_SE3_room = None
-    for head in heads:
-        renderer = head.renderer(scale)
-        name = head.mount.name
+    for sensor in sensors:
+        renderer = sensor.renderer(scale)
+        name = sensor.mount.name
         written.append(write_recording(renderer, folder / name, frames=frames, storage=storage))
         room_SE3_world = renderer.world_SE3_room.inverse()
         common_SE3_room = common_SE3_room or renderer.world_SE3_room
         world_SE3_left = renderer.world_SE3_left
-        assert world_SE3_left is not None  # heads are rigs
+        assert world_SE3_left is not None  # sensors are rigs
         pose = common_SE3_room @ room_SE3_world @ world_SE3_left
-        entries.append(RigEntry(name, pose, head.mount.start_s - heads[0].mount.start_s))
+        entries.append(RigEntry(name, pose, sensor.mount.start_s - sensors[0].mount.start_s))
     save_rigs(entries, folder / RIGS_FILE, "true poses and clocks of a rendered scene")
     return written

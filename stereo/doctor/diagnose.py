@@ -38,7 +38,7 @@ from stereo.doctor.pairs import (
 )
 from stereo.doctor.scenes import PLAUSIBLE, DepthScene, StoredDepth, floor_score, floor_view
 from stereo.floor import FloorSearch
-from stereo.recording import DepthCamera, Frame, Pair, Recording, Shot
+from stereo.recording import DepthCamera, Frame, Recording, Shot, StereoPair
 from stereo.rectify import RectifyParams
 from stereo.rgbd import RgbdRectifier
 
@@ -58,19 +58,19 @@ RAW_UNITS = 65536.0
 """Values per metre by which whole numbers of 16 bits are read as metres without a loss."""
 
 
-def diagnose(recording: Recording[Pair | DepthCamera], search: FloorSearch | None = None) -> Finding | None:
+def diagnose(recording: Recording[StereoPair | DepthCamera], search: FloorSearch | None = None) -> Finding | None:
     """The hypothesis that explains a recording whose rows, floor or people are not what they should be; None where none
     does."""
     search = search or FloorSearch()
-    if isinstance(recording.head, Pair):
-        return diagnose_pair(cast(Recording[Pair], recording), search)
+    if isinstance(recording.sensor, StereoPair):
+        return diagnose_pair(cast(Recording[StereoPair], recording), search)
     return diagnose_depth(cast(Recording[DepthCamera], recording), search)
 
 
-def diagnose_pair(recording: Recording[Pair], search: FloorSearch) -> Finding | None:
+def diagnose_pair(recording: Recording[StereoPair], search: FloorSearch) -> Finding | None:
     """The hypothesis under which the rows of pairs fit, or else their floor, and do not as recorded."""
     shots = [(frame.images[0], frame.images[1]) for frame in recording.sample(SPREAD_FRAMES)]
-    pairs = Pairs(recording.head.rig, shots)
+    pairs = Pairs(recording.sensor.rig, shots)
     is_aligned = pairs.aligned >= LEAST_ALIGNED
     tried = PAIRS if is_aligned else (*PAIRS, *RAW_PAIRS)
     likely = shortlist(pairs.first(FIRST_FRAMES), tried, rows_score, ENDED**ROWS_WEIGHT)
@@ -147,25 +147,25 @@ def place_of_depth(frames: Sequence[Frame[Shot]]) -> PlaceOfDepth:
 
 def stored_scene(recording: Recording[DepthCamera]) -> DepthScene:
     """Depth of frames spread over a recording, as it is read and as it is stored."""
-    head = recording.head
-    camera = head.depth_camera or head.camera
-    rectifier = RgbdRectifier(head.camera, head.sensor, RectifyParams(working_px=WIDTH))
+    sensor = recording.sensor
+    camera = sensor.depth_camera or sensor.camera
+    rectifier = RgbdRectifier(sensor.camera, sensor.technology, RectifyParams(working_px=WIDTH))
     rows, columns = np.indices(camera.size[::-1])
     rays = camera.unproject(np.column_stack([columns.ravel(), rows.ravel()]))
     ray = np.linalg.norm(rays, axis=1).reshape(rows.shape).astype(np.float32)
     images, values = _stored_frames(recording)
 
     def rectified(image: U8, depth_m: F32) -> F32:
-        return rectifier(image, head.registration(depth_m))[1]
+        return rectifier(image, sensor.registration(depth_m))[1]
 
-    units_per_m = head.depth_units.units_per_m if head.depth_units else 1.0
+    units_per_m = sensor.depth_units.units_per_m if sensor.depth_units else 1.0
     stored = StoredDepth(images, values, units_per_m, ray, rectified)
     return DepthScene((), rectifier.geometry, stored).read(lambda values, stored: metres(values, stored.units_per_m))
 
 
 def _stored_frames(recording: Recording[DepthCamera]) -> tuple[list[U8], list[AnyArray]]:
     """Images and depth as stored, of frames spread over a recording: whole numbers, or metres where they are."""
-    units = recording.head.depth_units
+    units = recording.sensor.depth_units
     count = min(SPREAD_FRAMES, recording.n_frames)
     spread = np.unique(np.linspace(0, recording.n_frames - 1, count).round())
     assumed = units.units_per_m if units else 1.0

@@ -15,7 +15,7 @@ import numpy as np
 from calib.errors import InputError
 from calib.io import size_text
 from calib.pose import SE3
-from calib.rig import DepthSensor, RgbdRig, StereoRig
+from calib.rig import DepthTechnology, RgbdRig, StereoRig
 from calib.times import rate_of_times, spread_bursts
 from calib.types import F64, I64
 from calib.world import load_world
@@ -30,8 +30,8 @@ from stereo.recording import (
     FrameClock,
     LiveRecording,
     OpenOptions,
-    Pair,
     Recording,
+    StereoPair,
     no_clock,
     prefetch,
 )
@@ -75,7 +75,7 @@ def together(*sources: ItemSource) -> Callable[[Sequence[int] | None], Generator
     return decode
 
 
-AnyRecording = Recording[Pair] | Recording[DepthCamera]
+AnyRecording = Recording[StereoPair] | Recording[DepthCamera]
 """What a layout opens to."""
 
 
@@ -139,15 +139,15 @@ def stereo_layout(
     """Two cameras whose frames are paired; world.toml lies in the folder, or at the path."""
     remarks = (*clock.notes, *notes, *["one pair of images, in which nobody walks"] * (pairs.n_frames == 1))
 
-    def opened() -> Recording[Pair]:
-        kind = LiveRecording if pairs.live else Recording[Pair]
-        head = Pair(rig(), world_pose(folder or path))
-        return kind(path, pairs.decode, pairs.n_frames, clock, [*remarks], head)
+    def opened() -> Recording[StereoPair]:
+        kind = LiveRecording if pairs.live else Recording[StereoPair]
+        sensor = StereoPair(rig(), world_pose(folder or path))
+        return kind(path, pairs.decode, pairs.n_frames, clock, [*remarks], sensor)
 
     return Layout("stereo", streams, pairs.n_frames, clock, remarks, pairs.unpaired, opened)
 
 
-SENSOR_OF_SIZE: dict[Size, DepthSensor] = {
+TECHNOLOGY_OF_SIZE: dict[Size, DepthTechnology] = {
     **dict.fromkeys(
         [(512, 424), (640, 576), (320, 288), (512, 512), (1024, 1024)], "time-of-flight"
     ),  # Kinect 2, Azure
@@ -181,15 +181,15 @@ def rgbd_layout(
         if found.depth_camera is None and images.size != depth:
             own.append(f"depth of {size_text(depth)} without a calibration of its own counts as registered")
             found = replace(found, depth_camera=found.camera.scaled(*depth))
-        sensor = found.sensor or SENSOR_OF_SIZE.get(depth, "structured-light")
+        technology = found.technology or TECHNOLOGY_OF_SIZE.get(depth, "structured-light")
         if isinstance(depths.pixels, Depths) and found.units_per_m is not None:
             depths.pixels.units_per_m = found.units_per_m
         folder = path if path.is_dir() else path.parent
         units = depths.pixels if isinstance(depths.pixels, Depths) else None
         registration = DepthRegistration(found)
         pose = world_pose(folder)
-        head = DepthCamera(found.camera, found.source, sensor, registration, pose, units, found.depth_camera)
-        return Recording(path, together(images, depths), images.n_frames, clock, own, head)
+        sensor = DepthCamera(found.camera, found.source, technology, registration, pose, units, found.depth_camera)
+        return Recording(path, together(images, depths), images.n_frames, clock, own, sensor)
 
     return Layout("rgbd", streams, images.n_frames, clock, remarks, unpaired, opened)
 

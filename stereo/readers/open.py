@@ -26,12 +26,12 @@ from stereo.readers.video import VideoFile, video_files, video_pair, video_track
 from stereo.recording import (
     Frame,
     FrameClock,
-    OneCamera,
     OpenOptions,
-    Pair,
     Recording,
     Shot,
+    SingleCamera,
     Skipped,
+    StereoPair,
     prefetch,
     refuse_untimed,
 )
@@ -43,7 +43,7 @@ def rigs_file(path: Path) -> Path:
 
 
 def is_multi_rig(path: Path) -> bool:
-    """Whether a path is a recording of several heads: a folder with ``rigs.toml``, or that file."""
+    """Whether a path is a recording of several sensors: a folder with ``rigs.toml``, or that file."""
     return rigs_file(path).is_file()
 
 
@@ -51,13 +51,13 @@ def _refuse_several(path: Path, _options: OpenOptions) -> base.Layout:
     file = rigs_file(path)
     folders = ", ".join(str(file.parent / entry.folder) for entry in load_rigs(file))
     raise InputError(
-        f"{path}: expected one stereo pair, found a recording of several heads, which a run tracks whole: "
+        f"{path}: expected one stereo pair, found a recording of several sensors, which a run tracks whole: "
         f"give one of {folders}"
     )
 
 
 READERS: tuple[base.Reader, ...] = (
-    base.Reader("heads", "several heads", is_multi_rig, _refuse_several), BAG,
+    base.Reader("sensors", "several sensors", is_multi_rig, _refuse_several), BAG,
     EUROC, KITTI, KITTI_SEQUENCE, TUM_RGBD, MIDDLEBURY, FOLDERS, RGBD_FOLDERS, VIDEO_PAIR, SIDE_BY_SIDE,
     LIVE,
 )  # fmt: skip
@@ -135,19 +135,19 @@ def open_any(path: Path | str, options: OpenOptions | None = None) -> base.AnyRe
     return recording
 
 
-def open_recording(path: Path | str, options: OpenOptions | None = None) -> Recording[Pair]:
+def open_recording(path: Path | str, options: OpenOptions | None = None) -> Recording[StereoPair]:
     """Open a recorded stereo pair; nothing is decoded but the first frame of each side.
 
     Videos of different lengths end with the shorter one; the missing frames are reported in ``skipped``. A calibration
     for another resolution of the same aspect is scaled, which ``rig.source`` then notes. Raises InputError: no
     recording there, unreadable, sides that differ in size or do not pair, or a calibration for another image."""
     recording = open_any(path, options)
-    if not isinstance(recording.head, Pair):
+    if not isinstance(recording.sensor, StereoPair):
         raise InputError(f"{path}: expected a stereo pair, found images with depth")
     return recording
 
 
-def open_video(path: Path | str, options: OpenOptions | None = None) -> Recording[OneCamera]:
+def open_video(path: Path | str, options: OpenOptions | None = None) -> Recording[SingleCamera]:
     """Open a single-camera recording: a video file, or a folder of images (and timestamps.csv); the options may give a
     rate in place of the recording's own times. Raises InputError: nothing there, not a video or images, or options that
     only recordings with depth have."""
@@ -179,7 +179,7 @@ def open_video(path: Path | str, options: OpenOptions | None = None) -> Recordin
     return _recording_of_one(path, video, clock, notes, options)
 
 
-def _images_of_one(path: Path, files: Sequence[Path], options: OpenOptions) -> Recording[OneCamera]:
+def _images_of_one(path: Path, files: Sequence[Path], options: OpenOptions) -> Recording[SingleCamera]:
     frames: list[Path | None] = list(files)
     stamps = None if (path / "timestamps.csv").is_file() else stamps_of(files, path, path)
     if stamps is None:
@@ -195,22 +195,22 @@ def _images_of_one(path: Path, files: Sequence[Path], options: OpenOptions) -> R
 
 def _recording_of_one(
     path: Path, source: base.FrameSource, clock: FrameClock, notes: list[str], options: OpenOptions
-) -> Recording[OneCamera]:
-    head = OneCamera(source.size)
+) -> Recording[SingleCamera]:
+    sensor = SingleCamera(source.size)
     decode = base.together(source)
-    return Recording(path, decode, source.n_frames, clock, notes, head, options=options, files=source.files)
+    return Recording(path, decode, source.n_frames, clock, notes, sensor, options=options, files=source.files)
 
 
-class SeveralHeads:
-    """A recording of several heads of one place; iterate it for frames with a shot of each.
+class SeveralSensors:
+    """A recording of several sensors of one place; iterate it for frames with a shot of each.
 
     Attributes:
         path: the folder with ``rigs.toml``.
-        parts: the recording of each head on its own clock, in the order of ``rigs.toml``; their ``world_SE3_left`` is
+        parts: the recording of each sensor on its own clock, in the order of ``rigs.toml``; their ``world_SE3_left`` is
             that of the common world.
         starts_s: when the first frame of each was taken, on the common clock [s].
         n_frames, fps, files, skipped, notes, options: see ``stereo.recording.Recording``; moments at the rate of the
-            slowest head.
+            slowest sensor.
     """
 
     is_live = False
@@ -222,7 +222,7 @@ class SeveralHeads:
         starts_s: Sequence[float],
         options: OpenOptions | None = None,
     ) -> None:
-        """``options`` are what every head was opened with."""
+        """``options`` are what every sensor was opened with."""
         self.path = path
         self.parts = tuple(parts)
         self.starts_s = tuple(starts_s)
@@ -234,16 +234,16 @@ class SeveralHeads:
         self.n_frames = max(1, round(max(ends) * self.fps))
 
     def __repr__(self) -> str:
-        return f"SeveralHeads({str(self.path)!r}, {len(self.parts)} heads, {self.n_frames} frames)"
+        return f"SeveralSensors({str(self.path)!r}, {len(self.parts)} sensors, {self.n_frames} frames)"
 
     @property
     def files(self) -> list[Path]:
-        """Of the images of all heads."""
+        """Of the images of all sensors."""
         return [file for part in self.parts for file in part.files]
 
     @property
     def skipped(self) -> list[Skipped]:
-        """Frames that one of the heads passed over; indices are its own."""
+        """Frames that one of the sensors passed over; indices are its own."""
         return [Skipped(s.index, f"{part.name}: {s.why}") for part in self.parts for s in part.skipped]
 
     def __iter__(self) -> Iterator[Frame[Shot]]:
@@ -265,7 +265,7 @@ class SeveralHeads:
 
 
 class _Stream:
-    """A head's frames with one read ahead."""
+    """A sensor's frames with one read ahead."""
 
     def __init__(self, frames: Generator[Frame[Shot], None, None], start_s: float, period_s: float) -> None:
         self._frames = frames
@@ -289,9 +289,9 @@ class _Stream:
 
 
 def moments(streams: Sequence[_Stream], period_s: float) -> Iterator[Frame[Shot]]:
-    """Frames by time: the earliest that waits, and those of other heads taken within 0.6 of the slowest head's period:
-    half of it would let heads that run half a period apart flicker between together and apart. The time of a frame is
-    the mean of its shots' times [s since the first frame of the earliest head]."""
+    """Frames by time: the earliest that waits, and those within 0.6 of the slowest sensor's period after it: half of it
+    would let sensors that run half a period apart flicker between together and apart. The time of a frame is the
+    mean of its shots' times [s since the first frame of the earliest sensor]."""
     index = 0
     while any(stream.next is not None for stream in streams):
         until = min(stream.time_s for stream in streams) + 0.6 * period_s
@@ -301,8 +301,8 @@ def moments(streams: Sequence[_Stream], period_s: float) -> Iterator[Frame[Shot]
         index += 1
 
 
-def open_rigs(path: Path, fps: float | None = None) -> SeveralHeads:
-    """Open the recording of every head that ``rigs.toml`` lists, with ``fps`` in place of their own times where it is
+def open_rigs(path: Path, fps: float | None = None) -> SeveralSensors:
+    """Open the recording of every sensor that ``rigs.toml`` lists, with ``fps`` in place of their own times where it is
     given. Raises InputError: one that cannot be opened, or has no times."""
     file = rigs_file(path)
     options = OpenOptions(fps=fps)
@@ -315,7 +315,7 @@ def open_rigs(path: Path, fps: float | None = None) -> SeveralHeads:
         part = open_any(folder / entry.folder, options)
         refuse_untimed(part)
         part.name = entry.folder
-        part.head = replace(part.head, world_SE3_left=entry.world_SE3_left)
+        part.sensor = replace(part.sensor, world_SE3_left=entry.world_SE3_left)
         parts.append(part)
         starts_s.append(entry.start_s)
-    return SeveralHeads(folder, parts, starts_s, options)
+    return SeveralSensors(folder, parts, starts_s, options)

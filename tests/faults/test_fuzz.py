@@ -173,7 +173,7 @@ def simple() -> dict[str, tuple[Callable[[Path], object], bytes]]:
     coco = '[{"image_id": 1, "category_id": 1, "bbox": [9.5, 8, 30, 90], "score": 0.9}, {"image_id": 2, "bbox": [1, 2, 3, 4]}]'
     study = 'recordings = ["."]\nseeds = [3, 4]\n[parameters]\nmaps.cell_m = [0.03, 0.04]\njoint.stay_s = {min = 1, max = 9, step = 2}\n'
     pose = "rotation = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]\ntranslation_m = [0.0, 0.0, 2.5]\n"
-    rigs = f'[[head]]\nname = "a"\nfolder = "a"\nstart_s = 0.5\n[head.world_SE3_left]\n{pose}'
+    rigs = f'[[sensor]]\nname = "a"\nfolder = "a"\nstart_s = 0.5\n[sensor.world_SE3_left]\n{pose}'
     decisions = "frame,timestamp_s,id,kind,value,reason\n3,0.2,1,matched,0.7,\n4,0.3,1,lost,0.1,left the view\n"
     return {
         "det.txt": (load_detections, b"1,-1,20,30,20,60,0.9,-1,-1,-1\n2,-1,22,30,20,60,0.8\n"),

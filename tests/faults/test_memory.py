@@ -22,7 +22,7 @@ from planview.engine.setup import set_up
 from planview.output.run import RunLog, RunOptions, run
 from planview.output.tables import MapsLog
 from stereo.readers import open_recording
-from stereo.recording import Frame, Pair, Recording, Shot
+from stereo.recording import Frame, Recording, Shot, StereoPair
 
 pytestmark = pytest.mark.slow
 os.environ["MIMALLOC_PURGE_DELAY"] = "0"
@@ -37,7 +37,7 @@ class Laps:
 
     n_frames = FRAMES
 
-    def __init__(self, recording: Recording[Pair]) -> None:
+    def __init__(self, recording: Recording[StereoPair]) -> None:
         self._one = recording
 
     def __getattr__(self, name: str) -> Any:

@@ -48,9 +48,9 @@ def copy(recording: Path, engine: Engine, tmp_path: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def heads(recording: Path, engine: Engine, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two heads at one place that record the same."""
-    folder, pose = tmp_path_factory.mktemp("heads"), engine.stereo.floor.world_SE3_left
+def sensors(recording: Path, engine: Engine, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two sensors at one place that record the same."""
+    folder, pose = tmp_path_factory.mktemp("sensors"), engine.stereo.floor.world_SE3_left
     for name in ("left_one", "right_one"):
         shutil.copytree(recording, folder / name)
     save_rigs([RigEntry("left_one", pose), RigEntry("right_one", pose)], folder / "rigs.toml")

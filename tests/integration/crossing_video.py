@@ -10,7 +10,7 @@ import numpy as np
 from calib.ground_camera import GroundCamera
 from calib.people.model import HumanModel
 from calib.types import U8
-from stereo.recording import Frame, OneCamera, OpenOptions, Shot, Skipped
+from stereo.recording import Frame, OpenOptions, Shot, SingleCamera, Skipped
 
 CAMERA = GroundCamera(160, 120, 120.0, 4.0, math.radians(62))
 
@@ -18,7 +18,7 @@ CAMERA = GroundCamera(160, 120, 120.0, 4.0, math.radians(62))
 class CrossingVideo:
     """Two people of one camera who cross, before a noisy wall; empty for a second."""
 
-    path, n_frames, fps, head = Path("crossing"), 60, 10.0, OneCamera((160, 120))
+    path, n_frames, fps, sensor = Path("crossing"), 60, 10.0, SingleCamera((160, 120))
     skipped: tuple[Skipped, ...] = ()
     notes: tuple[str, ...] = ()
     options, is_live = OpenOptions(), False

@@ -23,7 +23,7 @@ from planview.output.folder import prepare_folder
 from planview.synthetic.assets import DEMO
 from planview.trajectories.table import TrajectoryCollector, read_truth
 from stereo.readers import open_recording
-from stereo.recording import Frame, Pair, Recording, Shot
+from stereo.recording import Frame, Recording, Shot, StereoPair
 
 
 def test_demo_tracks_its_clip_and_prints_the_metrics(recording, tmp_path, monkeypatch, capsys):
@@ -70,7 +70,7 @@ def test_demo_without_its_clip_and_view_without_a_rerun_recording_are_refused(re
 class EverySecondFrame:
     """A recording without its odd frames, with the timestamps of the even ones."""
 
-    def __init__(self, recording: Recording[Pair]) -> None:
+    def __init__(self, recording: Recording[StereoPair]) -> None:
         self._recording = recording
 
     def __iter__(self) -> Iterator[Frame[Shot]]:

@@ -24,13 +24,13 @@ def example(short_clip: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str]
 
 def test_every_example_is_tested() -> None:
     found = {path.name for path in EXAMPLES.iterdir() if path.suffix in (".py", ".ipynb")}
-    assert found == {"own_head.py", "own_matcher.py", "own_tracker.py", "sweep.py", "first_steps.ipynb"}
+    assert found == {"own_sensor.py", "own_matcher.py", "own_tracker.py", "sweep.py", "first_steps.ipynb"}
 
 
 @pytest.mark.parametrize(
     ("name", "options", "rows"),
     [
-        ("own_head.py", {}, ["depth up to 6.0 m: mota", "switches 0"]),
+        ("own_sensor.py", {}, ["depth up to 6.0 m: mota", "switches 0"]),
         ("own_matcher.py", {}, ["block matching: 1 people"]),
         ("own_tracker.py", {}, ["switches 0"]),
         ("sweep.py", {"sizes_px": (160, 320)}, ["working_px,", "\n160,", "\n320,"]),

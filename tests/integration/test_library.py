@@ -17,8 +17,8 @@ import planview
 from calib.errors import InputError
 from calib.types import U8
 from planview.engine.engine import Engine, FrameResult
-from planview.engine.head import StageClock
 from planview.engine.open import engine_of, open_engine
+from planview.engine.sensor import StageClock
 from planview.tracking.base import Decision, Observation, TrackerDebug
 from planview.tracking.ellipse_particle import EllipseParticleTracker
 from planview.trajectories.state import TrackState
@@ -291,7 +291,7 @@ def test_loop_of_the_architecture_page_gives_the_tracks_of_the_engine(engine: En
     exec(page.partition("```python\n")[2].partition("```")[0], names)
     expected = [placed(result) for result in engine]
     engine.reset()
-    looped = names["track"](engine.recording, engine.heads, engine.tracker)
+    looped = names["track"](engine.recording, engine.sensors, engine.tracker)
     assert any(expected) and [placed(result) for result in looped] == expected
 
 

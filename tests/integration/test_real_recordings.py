@@ -168,7 +168,7 @@ def test_tum_sample_pairs_all_but_the_frame_left_out(shared_data: Path) -> None:
     path = shared_data / "recordings" / "tum-rgbd-people"
     reader, layout = find_layout(path)
     recording = open_any(path)
-    assert isinstance(recording.head, DepthCamera)
+    assert isinstance(recording.sensor, DepthCamera)
     assert (reader.key, layout.kind, recording.n_frames) == ("tum-rgbd", "rgbd", 20)
     assert recording.fps == pytest.approx(5.0)
     first = recording.at([0, 6])

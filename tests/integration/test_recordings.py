@@ -52,10 +52,10 @@ def test_stereo_sample_opens_with_its_size_rate_and_calibration(
 ):
     assert find_layout(recordings / name)[0].key == reader
     recording = open_recording(recordings / name)
-    assert recording.head.rig.left.size == size and recording.n_frames == frames
+    assert recording.sensor.rig.left.size == size and recording.n_frames == frames
     assert recording.fps == pytest.approx(fps, rel=1e-4)
-    assert recording.head.rig.left.fx == pytest.approx(focal_px, rel=1e-5)
-    assert recording.head.rig.baseline_m == pytest.approx(baseline_m, rel=1e-3) and len(recording.sample(2)) == 2
+    assert recording.sensor.rig.left.fx == pytest.approx(focal_px, rel=1e-5)
+    assert recording.sensor.rig.baseline_m == pytest.approx(baseline_m, rel=1e-3) and len(recording.sample(2)) == 2
 
 
 def test_depth_topics_open_with_their_rate_and_camera(recordings):
@@ -164,7 +164,7 @@ def test_middlebury_is_matched_better_than_by_plain_sgbm(shared_data: Path, scen
 def test_overhead_pair_is_corrected_by_its_own_matches(shared_data: Path) -> None:
     recording = open_recording(shared_data / "overhead-stereo")
     frames = setup_frames(recording)
-    pairs = PairFrames(recording.head.rig, frames)
+    pairs = PairFrames(recording.sensor.rig, frames)
     found = pairs.correction
     assert np.degrees(found.angles[2]) == pytest.approx(0.158, abs=0.02)  # see the recording's README
     assert list(found.is_applied) == [True, False, True]  # yaw cannot be printed
@@ -176,7 +176,7 @@ def test_overhead_pair_is_corrected_by_its_own_matches(shared_data: Path) -> Non
     about_x, about_y = np.degrees([np.arctan2(-up[1], -up[2]), np.arcsin(up[0])])
     assert about_x == pytest.approx(10.9, abs=1.0)  # at 640 px; 0.4 at the recorded 1280
     assert about_y == pytest.approx(2.8, abs=1.0)
-    half = aligned_rectifier(recording.head.rig, frames[1::2])[1]
+    half = aligned_rectifier(recording.sensor.rig, frames[1::2])[1]
     assert np.all(np.abs(half.angles - found.angles) < 3.0 * found.deviations)
 
 
@@ -184,5 +184,5 @@ def test_overhead_videos_are_read_whole(shared_data: Path) -> None:
     recording = open_recording(shared_data / "overhead-stereo")
     count = sum(1 for _ in recording)
     assert count == recording.n_frames == 330 and recording.skipped == []
-    assert recording.head.rig.left.size == (1280, 800)
-    assert Rectifier(recording.head.rig).geometry.baseline_m == pytest.approx(0.0738, abs=1e-4)
+    assert recording.sensor.rig.left.size == (1280, 800)
+    assert Rectifier(recording.sensor.rig).geometry.baseline_m == pytest.approx(0.0738, abs=1e-4)

@@ -75,7 +75,7 @@ def test_unit_of_depth_is_kept_when_the_search_for_another_one_fails(
     monkeypatch.setattr(opened, "decode", fail)
     with pytest.raises(InputError, match="a file is gone"):
         diagnose(opened)
-    assert opened.head.depth_units.units_per_m == 1000
+    assert opened.sensor.depth_units.units_per_m == 1000
 
 
 def test_floor_of_depth_is_calibrated_as_a_run_finds_it(recording: Path, json_of: JsonOf) -> None:

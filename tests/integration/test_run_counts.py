@@ -27,12 +27,12 @@ PLACE = '[[zone]]\nname = "room"\npolygon_px = [[{0}, {1}], [{2}, {1}], [{2}, {3
 BORDER = '[[tripwire]]\nname = "border"\nfrom_px = [80, 90]\nto_px = [80, 119]\n'
 
 
-@pytest.fixture(params=["pair", "heads", "depth", "maps", "camera", "no calibration", "detections"])
+@pytest.fixture(params=["pair", "sensors", "depth", "maps", "camera", "no calibration", "detections"])
 def words(request, tmp_path, cli) -> list[object]:
     """What is run, and how."""
     kind = request.param
-    if kind in ("pair", "heads"):
-        return [request.getfixturevalue("recording" if kind == "pair" else "heads"), "--set", FEW]
+    if kind in ("pair", "sensors"):
+        return [request.getfixturevalue("recording" if kind == "pair" else "sensors"), "--set", FEW]
     if kind == "depth":
         return [write_toy_rgbd(tmp_path / "depth"), "--set", "analysis.setup_frames=6"]
     if kind == "maps":

@@ -1,4 +1,4 @@
-"""``planview run`` on maps, several heads, the boxes of a detector, and a pair at two paths."""
+"""``planview run`` on maps, several sensors, the boxes of a detector, and a pair at two paths."""
 
 import math
 import shutil
@@ -118,16 +118,16 @@ def test_maps_cut_short_and_other_hdf5_files_are_refused(refused, maps, tmp_path
     assert "expected plan-view maps" in refused("run", tmp_path / "other.h5", "--out", tmp_path / "out")
 
 
-def test_a_person_seen_by_two_heads_is_one_person(cli, heads, engine, tmp_path):
-    status, printed = run_few(cli, heads, tmp_path / "out", "--rrd")
+def test_a_person_seen_by_two_sensors_is_one_person(cli, sensors, engine, tmp_path):
+    status, printed = run_few(cli, sensors, tmp_path / "out", "--rrd")
     assert status == 0, printed
     tracks = read_tracks(tmp_path / "out" / "tracks.csv")
     assert set(tracks.track_id[tracks.state == "confirmed"]) == {1}
     info = read_run_info(tmp_path / "out" / "run.json")
-    assert info.rig is not None and [camera.name for camera in info.rig.heads] == ["left_one", "right_one"]
+    assert info.rig is not None and [camera.name for camera in info.rig.sensors] == ["left_one", "right_one"]
     assert (tmp_path / "out" / "run.rrd").stat().st_size > 0
     assert "right_one" in (tmp_path / "out" / "report.html").read_text()
-    # Two heads weigh against what was predicted as two looks do, so that places of a head differ by some centimetres.
+    # Two sensors weigh against what was predicted as two looks do, so that places differ by some centimetres.
     alone = {(r.frame, t.track_id): t for r in engine for t in r.tracks}
     sure = tracks.where(tracks.state == "confirmed")
     known = [alone[key] for key in zip(sure.frame, sure.track_id, strict=True)]
@@ -135,8 +135,8 @@ def test_a_person_seen_by_two_heads_is_one_person(cli, heads, engine, tmp_path):
     assert np.median(apart) < 0.03 and apart.max() < 0.06
 
 
-def test_a_rig_without_a_frame_is_left_out_of_that_moment(heads, engine):
-    together = open_engine(heads, config=engine.config)
+def test_a_rig_without_a_frame_is_left_out_of_that_moment(sensors, engine):
+    together = open_engine(sensors, config=engine.config)
     frames = [frame for frame, _ in zip(together.recording, range(EMPTY + 6), strict=False)]
     for frame in frames[:-2]:
         both = together.step(frame)
@@ -149,45 +149,45 @@ def test_a_rig_without_a_frame_is_left_out_of_that_moment(heads, engine):
     assert not math.isnan(right.tracks[0].box_px[0])
 
 
-def test_check_looks_at_every_head_and_whether_they_agree(heads):
-    checks = {check.name: check for check in planview.check(heads, frames=8, set=[FEW]).checks}
+def test_check_looks_at_every_sensor_and_whether_they_agree(sensors):
+    checks = {check.name: check for check in planview.check(sensors, frames=8, set=[FEW]).checks}
     assert {"left_one: floor share", "right_one: floor share"} <= checks.keys()
     assert checks["left_one and right_one: people apart"].value < 0.05
 
 
-def test_check_lists_what_every_head_holds(heads):
-    contents = planview.check(heads, quick=True).to_json()
-    assert [Path(head["path"]).name for head in contents["heads"]] == ["left_one", "right_one"]
+def test_check_lists_what_every_sensor_holds(sensors):
+    contents = planview.check(sensors, quick=True).to_json()
+    assert [Path(sensor["path"]).name for sensor in contents["sensors"]] == ["left_one", "right_one"]
 
 
-def test_check_refuses_one_calibration_for_several_heads(refused, heads):
-    assert "whose heads have their own" in refused("check", heads, "--calibration", heads)
+def test_check_refuses_one_calibration_for_several_sensors(refused, sensors):
+    assert "whose sensors have their own" in refused("check", sensors, "--calibration", sensors)
 
 
-def test_run_says_that_a_clock_of_one_head_is_wrong(cli, heads, tmp_path):
-    entries = load_rigs(heads / "rigs.toml")
-    save_rigs([entries[0], replace(entries[1], start_s=0.7)], heads / "late.toml")
-    late = shutil.copytree(heads, tmp_path / "late")
+def test_run_says_that_a_clock_of_one_sensor_is_wrong(cli, sensors, tmp_path):
+    entries = load_rigs(sensors / "rigs.toml")
+    save_rigs([entries[0], replace(entries[1], start_s=0.7)], sensors / "late.toml")
+    late = shutil.copytree(sensors, tmp_path / "late")
     (late / "late.toml").rename(late / "rigs.toml")
     status, printed = run_few(cli, late, tmp_path / "out")
     assert status == 0 and "start_s of right_one 0.7 s smaller" in " ".join(printed.split())
 
 
-def test_maps_of_several_heads_are_not_saved_and_other_commands_ask_for_one_of_them(refused, heads, tmp_path):
-    assert "several heads" in refused("run", heads, "--out", tmp_path / "out", "--set", FEW, "--maps")
-    assert "left_one" in refused("calibrate", "floor", heads)
+def test_maps_of_several_sensors_are_not_saved_and_other_commands_ask_for_one_of_them(refused, sensors, tmp_path):
+    assert "several sensors" in refused("run", sensors, "--out", tmp_path / "out", "--set", FEW, "--maps")
+    assert "left_one" in refused("calibrate", "floor", sensors)
 
 
 @pytest.mark.parametrize(
     ("words", "found"),
     [
-        (("left_one", "left_one"), "every head once"),
+        (("left_one", "left_one"), "every sensor once"),
         (("left_one", "right_one", "--clock", "-1"), "--clock"),
-        (("left_one", "right_one", "--out", "left_one/rigs.toml"), "above all heads"),
+        (("left_one", "right_one", "--out", "left_one/rigs.toml"), "above all sensors"),
     ],
 )
-def test_heads_that_cannot_be_aligned_are_refused_at_once(refused, heads, words, found):
-    assert found in refused("calibrate", "align", *(heads / w if w[0] in "lr" else w for w in words))
+def test_sensors_that_cannot_be_aligned_are_refused_at_once(refused, sensors, words, found):
+    assert found in refused("calibrate", "align", *(sensors / w if w[0] in "lr" else w for w in words))
 
 
 PERSON = CAMERA.project(np.array([(0.0, 6.0, 0.0), (0.0, 6.0, 1.75)]))

@@ -158,7 +158,7 @@ class OwnTracker(JointTracker):
 
 def engine_with(engine: Engine, matcher: Matcher | None = None, tracker: Tracker | None = None) -> Engine:
     """The engine with parts of the user's own, without looking for the floor again."""
-    setup = replace(engine.heads[0].rig, matcher=matcher)
+    setup = replace(engine.sensors[0].rig, matcher=matcher)
     return engine_of(engine.recording, tracker or "joint", engine.config, setup=setup)
 
 
@@ -167,7 +167,7 @@ def test_a_run_with_a_part_that_cannot_be_identified_writes_no_checkpoints(engin
     own = {
         "matcher": lambda: engine_with(engine, OwnMatcher()),
         "tracker": lambda: engine_with(engine, tracker=OwnTracker()),
-        "by hand": lambda: Engine(engine.recording, engine.config, engine.heads, JointTracker()),
+        "by hand": lambda: Engine(engine.recording, engine.config, engine.sensors, JointTracker()),
     }[part]()
     options = RunOptions(last_frame=1, checkpoint_every_s=FREQUENT_S)
     with pytest.warns(UserWarning, match="writes no checkpoints: .* has no attribute 'identity'"):
@@ -358,8 +358,8 @@ def test_a_stereo_engine_resumes(engine: Engine, tmp_path: Path, tracker: Callab
 
 
 @pytest.mark.slow
-def test_the_engine_of_two_rigs_resumes(engine: Engine, heads: Path, tmp_path: Path) -> None:
-    assert_resumes(lambda: open_engine(heads, config=engine.config), moments(5, 8, 35, 2), tmp_path)
+def test_the_engine_of_two_rigs_resumes(engine: Engine, sensors: Path, tmp_path: Path) -> None:
+    assert_resumes(lambda: open_engine(sensors, config=engine.config), moments(5, 8, 35, 2), tmp_path)
 
 
 def test_the_engine_of_recorded_maps_resumes(engine: Engine, tmp_path: Path) -> None:

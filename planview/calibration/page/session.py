@@ -27,7 +27,7 @@ from planview.calibration.floor import FloorDepths
 from planview.calibration.page.marks import Draft, Handle, Point, Solution, fit_floor, grabbed, moved, nearest
 from stereo.floor import FloorSearch
 from stereo.readers import OpenOptions, find_layout, holds_pair, open_recording, open_video
-from stereo.recording import OneCamera, Recording
+from stereo.recording import Recording, SingleCamera
 
 Tool = Literal["person", "select", "floor"]
 GRAB_PX = 12.0
@@ -306,9 +306,9 @@ def open_session(path: Path, calibration: Path | None = None) -> CalibrationSess
     return session
 
 
-def walked_in(video: Recording[OneCamera]) -> Bool | None:
+def walked_in(video: Recording[SingleCamera]) -> Bool | None:
     """(height, width) where pictures spread over a video differ from what is usual there; None where none does."""
-    width, height = video.head.size
+    width, height = video.sensor.size
     frames = video.at(np.unique(np.linspace(0, video.n_frames - 1, LOOKED_AT).astype(int)).tolist())
     small = [cv2.resize(as_grey(frame.image), (80, 60), interpolation=cv2.INTER_AREA) for frame in frames]
     if not small:
@@ -322,9 +322,9 @@ def walked_in(video: Recording[OneCamera]) -> Bool | None:
 class VideoPictures:
     """Every frame of a video, read when it is asked for; grey where one cannot be decoded."""
 
-    def __init__(self, video: Recording[OneCamera]) -> None:
+    def __init__(self, video: Recording[SingleCamera]) -> None:
         def read(index: int) -> U8:
-            frames, (width, height) = video.at([index]), video.head.size
+            frames, (width, height) = video.at([index]), video.sensor.size
             return frames[0].image if frames else np.full((height, width, 3), 128, np.uint8)
 
         self._n_frames = video.n_frames

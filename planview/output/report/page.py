@@ -40,7 +40,7 @@ def scores_of(results: RunFolder) -> Evaluation | None:
         return None  # truth in another world, or without positions: the page does without
 
 
-_NOT_SHOWN = {"view_m", "world_SE3_left", "name", "at_m", "heads", "center_px", "focal_v_px"}
+_NOT_SHOWN = {"view_m", "world_SE3_left", "name", "at_m", "sensors", "center_px", "focal_v_px"}
 """Fields of camera and floor that the page shows as a picture."""
 _UNITS = {"s": "s", "ms": "ms", "m": "m", "px": "px", "deg": "°", "mps": "m/s"}
 PEOPLE_MAX = 200
@@ -214,10 +214,10 @@ def evaluation_rows(evaluation: dict[str, Any]) -> list[Figure]:
 
 
 def _camera_rows(info: RunInfo) -> list[Figure]:
-    """Figures of the camera, or of those of several heads, and of the floor."""
+    """Figures of the camera, or of those of several sensors, and of the floor."""
     parts: list[tuple[str, CameraInfo | FloorInfo]] = []
     if info.rig is not None:
-        for camera in info.rig.heads or [info.rig]:
+        for camera in info.rig.sensors or [info.rig]:
             parts.append((f"{camera.name}: " if camera.name else "", camera))
     if info.floor is not None:
         parts.append(("", info.floor))

@@ -121,11 +121,18 @@ NORTH = RigEntry("north", SE3.from_rotvec([2.0, 0.1, 0.2], [0.0, 0.0, 2.4]))
 SOUTH = RigEntry('so"uth\n', SE3.from_rotvec([2.1, 0.3, 0.4], [3.0, 1.0, 2.2]), 1.25)
 
 
-def test_heads_are_read_as_they_were_written(tmp_path: Path) -> None:
+def test_sensors_are_read_as_they_were_written(tmp_path: Path) -> None:
     save_rigs([NORTH, SOUTH], tmp_path / "rigs.toml", "two\nlines")
     for entry, again in zip((NORTH, SOUTH), load_rigs(tmp_path / "rigs.toml"), strict=True):
         assert (again.folder, again.start_s) == (entry.folder, entry.start_s)
         np.testing.assert_array_equal(again.world_SE3_left.matrix, entry.world_SE3_left.matrix)
+
+
+def test_older_files_list_sensors_as_heads(tmp_path: Path) -> None:
+    path = tmp_path / "rigs.toml"
+    save_rigs([NORTH, SOUTH], path)
+    path.write_text(path.read_text().replace("[sensor.", "[head.").replace("[[sensor]]", "[[head]]"))
+    assert [entry.folder for entry in load_rigs(path)] == [NORTH.folder, SOUTH.folder]
 
 
 @pytest.mark.parametrize(
@@ -134,17 +141,17 @@ def test_heads_are_read_as_they_were_written(tmp_path: Path) -> None:
         ([NORTH, NORTH], "once"),
         ([RigEntry("../north", NORTH.world_SE3_left)], "inside"),
         ([RigEntry("north", SE3.from_rotvec([2.0, 0.1, 0.2], [0.0, 0.0, -2.4]))], "above the floor"),
-        ([], "'head'"),
+        ([], "'sensor'"),
     ],
 )
-def test_heads_that_cannot_be_are_refused(entries: list[RigEntry], found: str, tmp_path: Path) -> None:
+def test_sensors_that_cannot_be_are_refused(entries: list[RigEntry], found: str, tmp_path: Path) -> None:
     save_rigs(entries, tmp_path / "rigs.toml")
     with pytest.raises(InputError, match=found):
         load_rigs(tmp_path / "rigs.toml")
 
 
-@pytest.mark.parametrize("text", ["head = 3", "[[head]]\nfolder = 'a'", "head = [1]", "[[head", "head = []"])
-def test_files_that_list_no_heads_are_refused_at_once(text, tmp_path):
+@pytest.mark.parametrize("text", ["sensor = 3", "[[sensor]]\nfolder = 'a'", "sensor = [1]", "[[sensor", "sensor = []"])
+def test_files_that_list_no_sensors_are_refused_at_once(text, tmp_path):
     (tmp_path / "rigs.toml").write_text(text)
     with pytest.raises(InputError, match=r"rigs\.toml: expected"):
         load_rigs(tmp_path / "rigs.toml")

@@ -32,7 +32,7 @@ def test_stereo_bag_of_every_storage_gives_the_same_pairs(tmp_path, name, plugin
     frames = list(recording)
     assert [int(f.image[0, 0]) for f in frames] == [10 * i for i in range(COUNT)]
     assert recording.fps == pytest.approx(10.0) and recording.skipped == []
-    assert recording.head.rig.baseline_m == pytest.approx(0.1) and recording.head.rig.left.fx == FOCAL
+    assert recording.sensor.rig.baseline_m == pytest.approx(0.1) and recording.sensor.rig.left.fx == FOCAL
     assert [(f.index, int(f.images[1][0, 0])) for f in recording.sample(3)] == [(0, 0), (4, 40), (7, 70)]
 
 
@@ -88,7 +88,7 @@ def test_static_transforms_give_the_baseline_by_the_definition_in_the_bag(tmp_pa
     writer.static_transforms(0.2)
     writer.close()
     recording = open_recording(tmp_path / name)
-    np.testing.assert_allclose(recording.head.rig.right_SE3_left.translation, [-0.2, 0, 0])
+    np.testing.assert_allclose(recording.sensor.rig.right_SE3_left.translation, [-0.2, 0, 0])
 
 
 def test_truncated_bag_is_refused_with_the_way_out(tmp_path):
@@ -230,7 +230,7 @@ def test_bag_of_the_realsense_sdk_has_its_baseline_from_the_places_of_its_camera
     cameras = {f"Infrared_{i}": (x_m, "Brown Conrady", picture(0), "mono8") for i, x_m in ((1, 0.0), (2, -0.055))}
     recording = open_recording(sdk_bag(tmp_path / "a.bag", None, **cameras))
     assert len(list(recording)) == COUNT
-    assert recording.head.rig.baseline_m == pytest.approx(0.055) and recording.head.rig.left.fx == FOCAL
+    assert recording.sensor.rig.baseline_m == pytest.approx(0.055) and recording.sensor.rig.left.fx == FOCAL
 
 
 def test_depth_of_the_realsense_sdk_has_the_unit_and_the_place_that_the_bag_holds(tmp_path):

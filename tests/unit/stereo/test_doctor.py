@@ -21,7 +21,7 @@ from stereo.depth import Depths, metres
 from stereo.doctor.diagnose import diagnose, diagnose_colours, diagnose_fields, place_of_depth
 from stereo.doctor.hypotheses import HYPOTHESES, MOUNTS
 from stereo.doctor.scenes import NO_FLOOR, FloorView, floor_score
-from stereo.recording import Decoded, DepthCamera, Frame, FrameClock, Pair, Recording, Shot
+from stereo.recording import Decoded, DepthCamera, Frame, FrameClock, Recording, Shot, StereoPair
 from stereo.rectify import rectified_rig
 
 Change = Callable[[AnyArray], AnyArray]
@@ -40,14 +40,14 @@ def pairs() -> tuple[tuple[U8, U8], ...]:
     return tuple(world.pair(rig(), walking(i), i) for i in range(0, 36, 6))
 
 
-def recorded(change: Callable[[U8, U8], tuple[U8, U8]], claimed: StereoRig | None = None) -> Recording[Pair]:
+def recorded(change: Callable[[U8, U8], tuple[U8, U8]], claimed: StereoRig | None = None) -> Recording[StereoPair]:
     """A recording of changed pairs with a calibration that may be another."""
 
     def decode(indices: Sequence[int] | None) -> Generator[tuple[Decoded, ...], None, None]:
         for i in range(6) if indices is None else indices:
             yield tuple(Decoded(i, i / 2.5, image) for image in change(*pairs()[i]))
 
-    return Recording(Path("pairs"), decode, 6, FrameClock(2.5), [], Pair(claimed or rig()))
+    return Recording(Path("pairs"), decode, 6, FrameClock(2.5), [], StereoPair(claimed or rig()))
 
 
 def named(recording: Recording[Any]) -> str:
@@ -185,8 +185,8 @@ def measured(change: Change, camera: Camera = CAMERA) -> Recording[DepthCamera]:
             image = np.zeros(stored.shape, np.uint8)
             yield Decoded(i, i / 10, image), Decoded(i, i / 10, metres(stored, units.units_per_m))
 
-    head = DepthCamera(camera, "", "structured-light", lambda depth: depth, None, units)
-    return Recording(Path("depth"), cast(Any, decode), FRAMES, FrameClock(10.0), [], head)
+    sensor = DepthCamera(camera, "", "structured-light", lambda depth: depth, None, units)
+    return Recording(Path("depth"), cast(Any, decode), FRAMES, FrameClock(10.0), [], sensor)
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,7 @@ def euroc(folder: Path, listed: bool = True) -> Path:
 def test_euroc_folder_has_the_rate_of_its_stamps_and_its_own_calibration(tmp_path, listed):
     recording = open_recording(euroc(tmp_path, listed))
     assert [round(f.timestamp_s, 6) for f in recording] == [0.0, 0.05, 0.1, 0.15, 0.2, 0.25]
-    assert recording.fps == pytest.approx(20.0) and recording.head.rig.baseline_m == pytest.approx(0.12)
+    assert recording.fps == pytest.approx(20.0) and recording.sensor.rig.baseline_m == pytest.approx(0.12)
 
 
 def test_euroc_cameras_in_the_wrong_order_are_exchanged(tmp_path):
@@ -50,7 +50,7 @@ def test_euroc_cameras_in_the_wrong_order_are_exchanged(tmp_path):
     for old, new in ((folder / "cam0", swap), (folder / "cam1", folder / "cam0"), (swap, folder / "cam1")):
         old.rename(new)
     recording = open_recording(tmp_path)
-    assert recording.head.rig.right_SE3_left.translation[0] < 0
+    assert recording.sensor.rig.right_SE3_left.translation[0] < 0
     assert "cam0 is the right camera" in recording.notes[0]
 
 
@@ -69,7 +69,7 @@ def kitti(folder: Path, suffix: str) -> Path:
 @pytest.mark.parametrize(("suffix", "focal_px", "baseline_m"), [("sync", 25.0, 0.1), ("extract", 30.0, 0.12)])
 def test_kitti_drive_is_rectified_by_its_name(tmp_path, suffix, focal_px, baseline_m):
     recording = open_recording(kitti(tmp_path, suffix))
-    assert recording.head.rig.left.fx == focal_px and recording.head.rig.baseline_m == pytest.approx(baseline_m)
+    assert recording.sensor.rig.left.fx == focal_px and recording.sensor.rig.baseline_m == pytest.approx(baseline_m)
     assert [f.timestamp_s for f in recording] == pytest.approx([0.0, 0.1, 0.3])
 
 
@@ -101,7 +101,7 @@ def test_kitti_odometry_sequence_has_its_times_and_projections(tmp_path):
     (tmp_path / "calib.txt").write_text("".join(lines) + "Tr: 1 0 0 0 0 1 0 0 0 0 1 0\n")
     recording = open_recording(tmp_path)
     assert find_reader(tmp_path).key == "kitti-sequence"
-    assert (recording.head.rig.left.fx, recording.head.rig.baseline_m) == (25.0, pytest.approx(0.1))
+    assert (recording.sensor.rig.left.fx, recording.sensor.rig.baseline_m) == (25.0, pytest.approx(0.1))
     assert [f.timestamp_s for f in recording] == pytest.approx([0.0, 0.1036224, 0.2072410])
 
 
@@ -109,7 +109,7 @@ def test_middlebury_pair_is_one_frame(tmp_path):
     (write_images(tmp_path, "im0.png", "im1.png") / MIDDLEBURY).write_text(CALIBRATIONS[MIDDLEBURY])
     recording = open_recording(tmp_path)
     assert find_reader(tmp_path).key == "middlebury"
-    assert len(list(recording)) == 1 and recording.head.rig.baseline_m == pytest.approx(0.12)
+    assert len(list(recording)) == 1 and recording.sensor.rig.baseline_m == pytest.approx(0.12)
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from stereo.readers.live import READER, without_password
 from stereo.readers.open import open_rigs
 from stereo.readers.pairing import even_sequence, pair_files
 from stereo.readers.video import VideoFile, _Packets
-from stereo.recording import Decoded, FrameClock, LiveRecording, OneCamera, Recording, prefetch
+from stereo.recording import Decoded, FrameClock, LiveRecording, Recording, SingleCamera, prefetch
 
 
 @pytest.mark.parametrize("colour", [False, True])
@@ -60,7 +60,7 @@ def test_frames_whose_time_does_not_advance_are_skipped_with_the_reason(tmp_path
         for index in range(6) if indices is None else indices:
             yield (Decoded(index, times[index], image),)
 
-    video = Recording(tmp_path, decode, 6, FrameClock(10.0), [], OneCamera((W, H)))
+    video = Recording(tmp_path, decode, 6, FrameClock(10.0), [], SingleCamera((W, H)))
     assert [(frame.index, frame.timestamp_s) for frame in video] == [(0, 0.0), (1, 0.1), (5, 0.2)]
     assert [(skipped.index, skipped.why) for skipped in video.skipped] == [
         (2, "its time is nan"),
@@ -156,7 +156,7 @@ def test_world_file_gives_the_pose(tmp_path: Path) -> None:
     folder = folder_recording(tmp_path / "r")
     rotation = "rotation = [[1,0,0],[0,-1,0],[0,0,-1]]"
     (folder / "world.toml").write_text(f"[world_SE3_left]\n{rotation}\ntranslation_m = [0,0,2.5]\n")
-    pose = open_recording(folder).head.world_SE3_left
+    pose = open_recording(folder).sensor.world_SE3_left
     assert pose is not None and pose.translation[2] == 2.5
 
 
@@ -164,7 +164,7 @@ def test_single_camera_folder_is_a_video(tmp_path: Path) -> None:
     folder = folder_recording(tmp_path / "r") / "left"
     (folder / "0001.png").write_bytes(b"")
     video = open_video(folder)
-    assert [f.index for f in video] == [0, 2, 3, 4, 5] and video.head.size == (W, H) and len(video.skipped) == 1
+    assert [f.index for f in video] == [0, 2, 3, 4, 5] and video.sensor.size == (W, H) and len(video.skipped) == 1
 
 
 def test_prefetch_passes_errors_on_stops_its_thread_and_closes_its_source() -> None:
@@ -357,7 +357,7 @@ def test_frames_of_a_video_by_number_are_those_of_reading_in_order(tmp_path: Pat
     assert shown == [index for index, _ in found] == [5, 299, 399]
 
 
-def test_head_without_times_is_refused_and_a_rate_is_that_of_all(tmp_path: Path) -> None:
+def test_sensor_without_times_is_refused_and_a_rate_is_that_of_all(tmp_path: Path) -> None:
     for name in ("a", "b"):
         folder_recording(tmp_path / name)
     write_times(tmp_path / "a" / "timestamps.csv", [0, 0.2, 0.4])

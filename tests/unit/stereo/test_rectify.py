@@ -12,7 +12,7 @@ from calib.camera import Camera
 from calib.images import as_grey
 from calib.pose import SE3
 from calib.rig import StereoRig
-from stereo.readers.open import SeveralHeads
+from stereo.readers.open import SeveralSensors
 from stereo.recording import Frame, Shot, Skipped
 from stereo.rectify import (
     Rectifier,
@@ -149,9 +149,9 @@ class Times:
         return (Frame(i, t, ((np.full((2, 2), i, np.uint8),),)) for i, t in enumerate(self.times_s))
 
 
-def moments(*heads: tuple[Times, float]) -> list[tuple[float, list[int | None]]]:
-    """Time of every moment, and the frame index of each head."""
-    recording = SeveralHeads(Path("r"), cast(Any, [times for times, _ in heads]), [start for _, start in heads])
+def moments(*sensors: tuple[Times, float]) -> list[tuple[float, list[int | None]]]:
+    """Time of every moment, and the frame index of each sensor."""
+    recording = SeveralSensors(Path("r"), cast(Any, [times for times, _ in sensors]), [start for _, start in sensors])
     return [(round(m.timestamp_s, 4), [int(s[0][0, 0]) if s else None for s in m.shots]) for m in recording]
 
 
@@ -166,23 +166,23 @@ JITTER = 0.004 * np.array([0, 1, -1, 1, 0, -1])
         (Times([0.0, 0.05, 0.1, 0.15, 0.2], 20.0), Times([0.0, 0.1, 0.2], 10.0), 0.0, [[0, 0], [2, 1], [4, 2]]),
         (Times(list(np.arange(6) / 10)), Times(list(np.arange(6) / 10 + JITTER)), 0.05, [[i, i] for i in range(6)]),
     ],
-    ids=["clocks apart", "a frame missing", "a faster head", "half a period apart with jitter"],
+    ids=["clocks apart", "a frame missing", "a faster sensor", "half a period apart with jitter"],
 )
-def test_heads_give_the_frames_of_each_moment(first, second, start_s, frames):
+def test_sensors_give_the_frames_of_each_moment(first, second, start_s, frames):
     assert [found for _, found in moments((first, 0.0), (second, start_s))] == frames
 
 
-def test_times_are_means_that_begin_with_the_earliest_head() -> None:
+def test_times_are_means_that_begin_with_the_earliest_sensor() -> None:
     assert moments((Times([0.0]), 0.0), (Times([0.0]), -3.0))[0] == (0.0, [None, 0])
     even = Times([0.0, 0.1, 0.2])
     assert [time for time, _ in moments((even, 0.0), (even, 0.12))] == [0.0, 0.11, 0.21, 0.32]
 
 
-def test_skipped_frames_name_their_head() -> None:
+def test_skipped_frames_name_their_sensor() -> None:
     times = Times([0.0])
     times.skipped.append(Skipped(4, "left: file is missing"))
     times.name = "north"
-    recording = SeveralHeads(Path("r"), cast(Any, [times]), [0.0])
+    recording = SeveralSensors(Path("r"), cast(Any, [times]), [0.0])
     assert [(s.index, s.why) for s in recording.skipped] == [(4, "north: left: file is missing")]
     assert recording.fps == pytest.approx(10.0)
 

@@ -108,14 +108,18 @@ def _folders(
 
 def _open(path: Path) -> Recording[DepthCamera]:
     recording = open_any(path)
-    assert isinstance(recording.head, DepthCamera)
+    assert isinstance(recording.sensor, DepthCamera)
     return recording
 
 
 @pytest.mark.parametrize("names", [("rgb", "depth"), ("color", "depth"), ("Color", "aligned_depth_to_color")])
 def test_folders_hold_millimetres_unless_a_file_gives_another_unit(tmp_path: Path, names: tuple[str, str]) -> None:
     (frame, *_), recording = list(rec := _open(_folders(tmp_path, COLOUR, names))), rec
-    assert (recording.n_frames, recording.head.camera.fx, recording.head.sensor) == (3, 60.0, "structured-light")
+    assert (recording.n_frames, recording.sensor.camera.fx, recording.sensor.technology) == (
+        3,
+        60.0,
+        "structured-light",
+    )
     assert frame.image.shape == (48, 64, 3)
     np.testing.assert_allclose(frame.images[1], 2.5)
 
@@ -141,7 +145,11 @@ def test_open3d_intrinsics_are_stored_by_columns_and_name_the_sensor(tmp_path: P
     matrix = [60.0, 0, 0, 0, 61.0, 0, 31.5, 23.5, 1.0]
     content = {"width": 64, "height": 48, "intrinsic_matrix": matrix, "depth_mode": "NFOV_UNBINNED"}
     recording = _open(_folders(tmp_path, content))
-    assert (recording.head.camera.fy, recording.head.camera.cx, recording.head.sensor) == (61.0, 31.5, "time-of-flight")
+    assert (recording.sensor.camera.fy, recording.sensor.camera.cx, recording.sensor.technology) == (
+        61.0,
+        31.5,
+        "time-of-flight",
+    )
 
 
 def test_images_and_depth_in_one_folder_are_distinguished_by_name(tmp_path: Path) -> None:
@@ -187,7 +195,7 @@ def test_calibration_of_a_pair_or_another_aspect_is_refused_for_images_with_dept
 def test_calibration_of_twice_the_resolution_is_scaled(tmp_path: Path) -> None:
     large = {"fx": 120.0, "fy": 120.0, "cx": 63.5, "cy": 47.5, "width": 128, "height": 96}
     recording = _open(_folders(tmp_path, large))
-    assert recording.head.camera.fx == 60.0 and "scaled from 128x96" in recording.head.source
+    assert recording.sensor.camera.fx == 60.0 and "scaled from 128x96" in recording.sensor.source
 
 
 def test_lost_depth_image_is_skipped_with_a_reason(tmp_path: Path) -> None:

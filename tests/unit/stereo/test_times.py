@@ -13,7 +13,7 @@ from calib.times import rate_of_times
 from stereo.readers import OpenOptions, open_recording, open_video
 from stereo.readers.times import load_timestamps, read_times
 from stereo.readers.video import _by_time, _Packets
-from stereo.recording import Decoded, FrameClock, OneCamera, Recording, refuse_untimed
+from stereo.recording import Decoded, FrameClock, Recording, SingleCamera, refuse_untimed
 
 KEPT = [i for i in range(12) if i != 5]
 """Frames of a right camera that lost the sixth."""
@@ -188,7 +188,7 @@ def test_frames_after_a_time_far_ahead_are_read_and_run_on() -> None:
     image, own_s = np.zeros((4, 4), np.uint8), [0.0, 0.1, 90_000.0, 0.3, 0.4]
     parts = [(Decoded(index, time, image),) for index, time in enumerate(own_s)]
     decode = lambda indices: (part for part in parts)  # noqa: E731
-    recording = Recording(Path("a.mp4"), decode, 5, FrameClock(10.0), [], OneCamera((4, 4)))
+    recording = Recording(Path("a.mp4"), decode, 5, FrameClock(10.0), [], SingleCamera((4, 4)))
     assert [frame.timestamp_s for frame in recording] == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
     assert not recording.skipped
 

@@ -93,8 +93,8 @@ def path(times_s: F64, xy_m: F64, height_m: float = 1.7) -> WalkedPath:
     return WalkedPath(int(ticks[0]), xy, height_m, np.zeros_like(xy))
 
 
-def both_heads(xy_m: F64, noise_m: float = 0.03, seed: int = 0) -> tuple[WalkedPath, WalkedPath]:
-    """What two heads measure of a person at xy (T, 2), every 0.05 s: noise and clock are those of TRUE."""
+def both_sensors(xy_m: F64, noise_m: float = 0.03, seed: int = 0) -> tuple[WalkedPath, WalkedPath]:
+    """What two sensors measure of a person at xy (T, 2), every 0.05 s: noise and clock are those of TRUE."""
     rng = np.random.default_rng(seed)
     times = 0.05 * np.arange(len(xy_m))
     own = (xy_m - [TRUE.x_m, TRUE.y_m]) @ floor_rotation(TRUE.heading_rad)
@@ -108,7 +108,7 @@ def curve(t: F64) -> F64:
 
 
 def test_a_walk_with_turns_gives_heading_place_and_clock() -> None:
-    first, second = both_heads(curve(0.05 * np.arange(600)))
+    first, second = both_sensors(curve(0.05 * np.arange(600)))
     found = align_rigs([first], [second], disparity_px=0.0)
     assert math.degrees(abs(found.heading_rad - TRUE.heading_rad)) < 0.5
     assert math.hypot(found.x_m - TRUE.x_m, found.y_m - TRUE.y_m) < 0.03
@@ -128,7 +128,7 @@ def test_a_walk_with_turns_gives_heading_place_and_clock() -> None:
     ids=["one straight line at one speed", "to and fro on a line", "standing"],
 )
 def test_walks_that_determine_no_alignment_are_refused(x_m, noise_m, found):
-    first, second = both_heads(np.column_stack([x_m, np.full(len(x_m), 3.0)]), noise_m)
+    first, second = both_sensors(np.column_stack([x_m, np.full(len(x_m), 3.0)]), noise_m)
     with pytest.raises(WorkError, match=found):
         align_rigs([first], [second], disparity_px=0.0)
     with pytest.raises(WorkError, match="found none"):
@@ -136,13 +136,13 @@ def test_walks_that_determine_no_alignment_are_refused(x_m, noise_m, found):
 
 
 def test_people_of_other_heights_do_not_meet() -> None:
-    first, second = both_heads(curve(0.05 * np.arange(600)))
+    first, second = both_sensors(curve(0.05 * np.arange(600)))
     taller = WalkedPath(second.first, second.xy_m, 1.95, second.per_px_m)
     with pytest.raises(WorkError, match="no path that fits"):
         align_rigs([first], [taller], disparity_px=0.0)
 
 
-def test_a_third_head_is_placed_by_the_second() -> None:
+def test_a_third_sensor_is_placed_by_the_second() -> None:
     second, third = RigAlignment(math.pi / 2, 1.0, 2.0, 3.0), RigAlignment(math.pi / 2, 1.0, 0.0, -1.0)
     placed = after(second, third)
     assert (placed.x_m, placed.y_m, placed.clock_s) == pytest.approx((1.0, 3.0, 2.0))

@@ -142,8 +142,8 @@ def test_view_reaches_far_in_its_directions_and_straight_down_is_the_image_on_th
 
 def test_a_floor_that_the_camera_does_not_see_is_refused_by_name() -> None:
     upwards, clock = SE3(np.eye(3), np.array([0.0, 0.0, 3.0])), cast(Any, None)
-    head = DepthCamera(CAMERA, "calib.json", "structured-light", np.asarray, upwards)
-    hall = Recording(Path("hall"), cast(Any, None), 1, clock, [], head)
+    sensor = DepthCamera(CAMERA, "calib.json", "structured-light", np.asarray, upwards)
+    hall = Recording(Path("hall"), cast(Any, None), 1, clock, [], sensor)
     with pytest.raises(InputError, match=r"hall \(floor: world.toml\): expected a camera that sees"):
         set_up(hall, Config())
 
@@ -168,9 +168,9 @@ def box(world_SE3_left: SE3, x_m: float, y_m: float, height_m: float) -> tuple[f
         (DOWN, (0.0, 0.0, 2.0), (160 - 25, 120 - 25, 50, 50)),
         (DOWN, (0.0, 0.0, 2.9), (-0.5, -0.5, 320, 240)),
     ],
-    ids=["ahead, of the near side", "below, of the top of the head", "clipped to the outer edges of the image"],
+    ids=["ahead, of the near side", "below, of the top of the sensor", "clipped to the outer edges of the image"],
 )
-def test_box_of_a_person_spans_head_to_feet(pose, person, expected):
+def test_box_of_a_person_spans_sensor_to_feet(pose, person, expected):
     assert BODY_RADIUS_M == 0.25 and box(pose, *person) == pytest.approx(expected)
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from planview.engine.config import SingleCameraParams
-from planview.engine.head import CameraHead, StageClock
+from planview.engine.sensor import CameraSensor, StageClock
 from planview.foreground.gain import Exposure
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import BACKGROUND, PERSON, ForegroundParams
@@ -338,7 +338,7 @@ def test_one_camera_that_moves_or_is_covered_shows_nothing_and_keeps_its_backgro
     wall = np.kron(rng.integers(40, 216, (40, 60)), np.ones((block_px, block_px))).astype(np.uint8)
     views = [wall[:120, :160]] * 40 + [np.roll(wall, shift, 1)[:120, :160] for shift in shifts_px]
     views += [np.zeros((120, 160), np.uint8)] * 10 + [wall[:120, :160]] * 20
-    camera, clock = CameraHead(SingleCameraParams(), (160, 120)), StageClock()
+    camera, clock = CameraSensor(SingleCameraParams(), (160, 120)), StageClock()
     seen = [camera.look(view.copy(), Frame(k, k / 10, ((view,),)), clock) for k, view in enumerate(views)]
     assert not any(v.shows for v in seen[40:55]) and all(v.shows for v in [*seen[:40], *seen[-20:]])
     assert not seen[-20].foreground.any()

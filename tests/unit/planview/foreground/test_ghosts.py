@@ -5,7 +5,7 @@ import pytest
 
 from calib.types import U8
 from planview.engine.config import SingleCameraParams
-from planview.engine.head import CameraHead, StageClock
+from planview.engine.sensor import CameraSensor, StageClock
 from planview.foreground.ghosts import find_blobs, find_ghosts, find_still, find_uncovered
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
@@ -69,7 +69,7 @@ def test_background_luma_is_the_luma_of_the_first_images():
 
 def test_person_there_at_the_start_leaves_no_ghost_even_if_a_tracker_protects_it():
     tracker = EllipseParticleTracker()
-    camera, clock = CameraHead(SingleCameraParams(), GHOST_SHAPE[::-1], tracker), StageClock()
+    camera, clock = CameraSensor(SingleCameraParams(), GHOST_SHAPE[::-1], tracker), StageClock()
     protected = np.ones(GHOST_SHAPE, np.uint8)  # PERSON everywhere: nothing would be learned
     tracker.feedback = lambda: protected  # type: ignore[method-assign]
     masks = []

@@ -120,11 +120,11 @@ def side(x: float, y: float, area_m2: float = 0.5) -> FloorPoints:
     return FloorPoints(xyz.astype(np.float32), np.full(400, area_m2 / 400, np.float32), np.arange(400, dtype=np.int32))
 
 
-def joined(*heads: FloorPoints) -> PlanViewMaps:
-    return plan_view(heads, joint_grid([GRID, GRID]), MapParams(smoothing_m=0.0))
+def joined(*sensors: FloorPoints) -> PlanViewMaps:
+    return plan_view(sensors, joint_grid([GRID, GRID]), MapParams(smoothing_m=0.0))
 
 
-def test_surface_of_one_head_counts_whole_and_heights_are_the_highest_of_all_heads():
+def test_surface_of_one_sensor_counts_whole_and_heights_are_the_highest_of_all_sensors():
     alone, far_away, low = side(0.3, -0.1), side(1.9, 1.9), side(0.3, -0.1)
     np.testing.assert_array_equal(joined(alone).points.area, alone.area)
     np.testing.assert_array_equal(joined(alone, far_away).points.area[:400], alone.area)
@@ -133,23 +133,23 @@ def test_surface_of_one_head_counts_whole_and_heights_are_the_highest_of_all_hea
 
 
 @pytest.mark.parametrize(
-    ("heads", "area_m2"),
+    ("sensors", "area_m2"),
     [
         ([side(0.3, -0.1)], 0.5),
         ([side(0.0, -0.12), side(0.0, 0.12, 0.25)], 0.5),
         ([side(-1.0, 0.0), side(1.0, 0.0)], 1.0),
         ([side(0.0, -0.12), side(0.0, 0.12, 0.005)], 0.5),
     ],
-    ids=["one head", "two sides of a body: that which shows most", "two bodies", "nearly hidden from a head"],
+    ids=["one sensor", "two sides of a body: that which shows most", "two bodies", "nearly hidden from a sensor"],
 )
-def test_surface_of_a_body_is_what_the_best_head_sees(heads, area_m2):
-    occupancy = joined(*heads).occupancy_raw
+def test_surface_of_a_body_is_what_the_best_sensor_sees(sensors, area_m2):
+    occupancy = joined(*sensors).occupancy_raw
     assert occupancy.sum() == pytest.approx(area_m2, rel=0.01)
 
 
-def test_maps_do_not_depend_on_the_order_of_the_heads() -> None:
-    heads = side(0.0, -0.12), side(0.0, 0.12, 0.25), side(1.0, 1.0)
-    one, other = joined(*heads), joined(*heads[::-1])
+def test_maps_do_not_depend_on_the_order_of_the_sensors() -> None:
+    sensors = side(0.0, -0.12), side(0.0, 0.12, 0.25), side(1.0, 1.0)
+    one, other = joined(*sensors), joined(*sensors[::-1])
     np.testing.assert_array_equal(one.height_raw, other.height_raw)
     np.testing.assert_allclose(one.occupancy, other.occupancy, rtol=1e-5)
 
@@ -187,8 +187,8 @@ def test_frames_are_read_as_they_were_written(maps: Path) -> None:
 
 def test_a_frame_that_shows_nothing_is_replayed_as_one(maps: Path, tmp_path: Path) -> None:
     recording, path = MapsRecording(maps), tmp_path / "with.h5"
-    frame, every = next(iter(recording)), np.arange(np.prod(recording.head.rig.shape), dtype=np.int32)
-    writer = MapsWriter(path, recording.head, 15.0)
+    frame, every = next(iter(recording)), np.arange(np.prod(recording.sensor.rig.shape), dtype=np.int32)
+    writer = MapsWriter(path, recording.sensor, 15.0)
     writer.add(frame)
     writer.add(Frame(1, 0.1, (RecordedPoints(every[:0], np.zeros(0, np.float32), None, every),)))
     writer.close()
@@ -200,7 +200,7 @@ def test_writing_stops_before_the_disk_is_full_and_keeps_earlier_frames(maps: Pa
     recording, path = MapsRecording(maps), tmp_path / "less.h5"
     room = iter([200 << 20] * 2 + [10 << 20] * 2)
     monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=next(room)))
-    writer, first = MapsWriter(path, recording.head, 15.0), next(iter(recording))
+    writer, first = MapsWriter(path, recording.sensor, 15.0), next(iter(recording))
     frame = replace(first, shots=(replace(first.shots[0], background=None),))
     for i in range(2 * BLOCK_FRAMES - 1):
         writer.add(replace(frame, index=i, timestamp_s=i / 15))

@@ -87,7 +87,7 @@ def write_tracks(path: Path, n_rows: int) -> None:
     path.write_text("frame,timestamp_s,id,x_m,y_m,height_m,state\n" + rows)
 
 
-@pytest.mark.parametrize("part", ["matcher", "tracker", "head"])
+@pytest.mark.parametrize("part", ["matcher", "tracker", "sensor"])
 def test_a_run_with_parts_that_its_folder_does_not_keep_is_not_replayed(ellipses, refused, part):
     info = read_run_info(ellipses / "run.json")
     write_run_info(info.model_copy(update={"own_parts": {part: "Mine"}}), ellipses / "run.json")

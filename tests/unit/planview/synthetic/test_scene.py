@@ -161,20 +161,20 @@ def test_pushed_chair_stays_where_it_was_left_and_carried_box_on_its_height():
 ROOM = "fps = 10\nduration_s = 1\n[room]\nsize_m = [8, 8, 4]\n[lights]\nlamps = [{ at_m = [4, 5, 3.9] }]\n"
 RIGS = "width = 80\nheight = 60\nfocal_px = 55\ntilt_deg = 65\n"
 PERSON = "[[people]]\nstart_m = [4, 4]\nface_deg = -90\nheight_m = 1.7\nsteps = [{ go = [[5, 4]] }]\n"
-HEADS = (
-    f'[[head]]\nname = "south"\n[head.rig]\nat_m = [4, 1, 2.4]\n{RIGS}'
-    f'[[head]]\nname = "west"\nstart_s = 0.3\n[head.rig]\nat_m = [1, 4, 2.6]\nheading_deg = 0\n{RIGS}'
+MOUNTS = (
+    f'[[mount]]\nname = "south"\n[mount.rig]\nat_m = [4, 1, 2.4]\n{RIGS}'
+    f'[[mount]]\nname = "west"\nstart_s = 0.3\n[mount.rig]\nat_m = [1, 4, 2.6]\nheading_deg = 0\n{RIGS}'
 )
 
 
 @pytest.fixture
 def scene(tmp_path: Path) -> Path:
     path = tmp_path / "scene.toml"
-    path.write_text(ROOM + PERSON + HEADS)
+    path.write_text(ROOM + PERSON + MOUNTS)
     return path
 
 
-def test_heads_record_the_same_person_on_their_own_clocks(scene: Path, tmp_path: Path) -> None:
+def test_sensors_record_the_same_person_on_their_own_clocks(scene: Path, tmp_path: Path) -> None:
     write_rigs(load_rig_scenes(scene), tmp_path / "out")
     south, west = load_rigs(tmp_path / "out" / "rigs.toml")
     assert (south.start_s, west.start_s) == (0.0, 0.3)
@@ -186,18 +186,18 @@ def test_heads_record_the_same_person_on_their_own_clocks(scene: Path, tmp_path:
     np.testing.assert_allclose(in_common, np.column_stack([a.x_m, a.y_m])[3:], atol=2e-4)
 
 
-def test_committed_room_has_two_heads() -> None:
-    heads = load_rig_scenes(assets.SCENES / "rigs" / "two.toml")
-    assert [head.mount.name for head in heads] == ["a", "b"]
-    assert len(heads[0].scene.people) >= 2
+def test_committed_room_has_two_sensors() -> None:
+    sensors = load_rig_scenes(assets.SCENES / "rigs" / "two.toml")
+    assert [sensor.mount.name for sensor in sensors] == ["a", "b"]
+    assert len(sensors[0].scene.people) >= 2
 
 
-def test_head_of_several_records_what_a_single_rig_does(scene):
-    head = load_rig_scenes(scene)[0]
-    assert (head.renderer().frame(4).left == SceneRenderer(head.scene).frame(4).left).all()
+def test_sensor_of_several_records_what_a_single_rig_does(scene):
+    sensor = load_rig_scenes(scene)[0]
+    assert (sensor.renderer().frame(4).left == SceneRenderer(sensor.scene).frame(4).left).all()
 
 
-def test_synth_renders_heads_but_not_two_of_one_name(scene: Path, tmp_path: Path, json_of: JsonOf) -> None:
+def test_synth_renders_sensors_but_not_two_of_one_name(scene: Path, tmp_path: Path, json_of: JsonOf) -> None:
     assert json_of("synth", scene, tmp_path / "out", "--frames", 2, "--jpeg")["frames"] == 4
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["rigs.toml", "south", "west"]
     scene.write_text(scene.read_text().replace("west", "south"))

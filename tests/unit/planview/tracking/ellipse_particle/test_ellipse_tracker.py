@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as hnp
 
 from calib.ground_camera import GroundCamera
 from planview.engine.config import SingleCameraParams
-from planview.engine.head import CameraHead, StageClock
+from planview.engine.sensor import CameraSensor, StageClock
 from planview.foreground.params import NO_FEEDBACK, WALKER
 from planview.maps.view import View
 from planview.tracking.base import Observation
@@ -106,7 +106,7 @@ def test_camera_gives_floor_positions_and_heights():
 def test_walker_is_found_in_images_and_not_absorbed_by_the_background(frames, stops_at):
     scene = np.random.default_rng(0).integers(60, 160, (*SHAPE, 3), dtype=np.uint8)
     tracker = EllipseParticleTracker(GIVEN)
-    source = CameraHead(SingleCameraParams(), SHAPE[::-1], tracker)
+    source = CameraSensor(SingleCameraParams(), SHAPE[::-1], tracker)
     for i in range(frames):
         image = scene.copy()
         if i >= 20:

@@ -1,4 +1,4 @@
-"""Whether the heads of one place agree: people whom two of them see are at one place at one time."""
+"""Whether the sensors of one place agree: people whom two of them see are at one place at one time."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ from planview.maps.grid import Grid
 from planview.maps.plan_view import FloorPoints, accumulate
 from stereo.depth import RectifiedGeometry, back_project, median_image
 from stereo.floor import DepthFrames, PairFrames
-from stereo.readers.open import SeveralHeads
+from stereo.readers.open import SeveralSensors
 
 APART_M = 0.25
-"""Largest distance between two heads' places of one person [m]: half of what keeps two people apart."""
+"""Largest distance between two sensors' places of one person [m]: half of what keeps two people apart."""
 EVERY_S = 0.18
 """Least time between looks [s]: a walker moves a hand's length in it."""
 CELL_M = 0.1
@@ -46,7 +46,7 @@ TRUNK_M = 0.9
 TOP_M = 0.35
 """Head and shoulders, whose middle is a person's place [m]."""
 SURFACE_TO_AXIS_M = 0.1
-"""A head sees the near side of a person, who is this much further away in the middle [m]."""
+"""A sensor sees the near side of a person, who is this much further away in the middle [m]."""
 MIN_SURFACE_M2 = 0.06
 """Less visible surface above ``TRUNK_M`` is no person [m^2]."""
 MIN_PERSON_M = 1.2
@@ -57,14 +57,14 @@ LOST_S = 0.6
 MIN_PATH_S = 1.0
 MAX_PATH_S = 60.0
 MAX_PATHS = 30
-"""Shorter paths are left out, longer ones are cut [s], and so many are remembered of a head."""
+"""Shorter paths are left out, longer ones are cut [s], and so many are remembered of a sensor."""
 CLOCK_S = 5.0
 SHIFT_M = 2.0
 """Largest errors of clock and place that are searched [s, m]."""
 BETTER = 1.5
 BETTER_S = 0.5
 """A correction must let people meet for this many times as long, and this much longer [s]: two people side by side, one
-of them hidden from one head, meet under a wrong one for a moment."""
+of them hidden from one sensor, meet under a wrong one for a moment."""
 RIVALS = 0.9
 """Two corrections are named where the worse one lets people meet for this share of the time."""
 MOVED_PX = 1.0
@@ -118,11 +118,11 @@ class _Track:
         return time_s - self.times_s[-1] < LOST_S and self.seconds < MAX_PATH_S
 
 
-class HeadPaths(Carried):
-    """Paths of the people whom one head sees.
+class SensorPaths(Carried):
+    """Paths of the people whom one sensor sees.
 
     Attributes:
-        name: of the head.
+        name: of the sensor.
         camera: it, above the common floor.
     """
 
@@ -158,7 +158,7 @@ class HeadPaths(Carried):
             track.places.append(place)
 
     def paths(self, other: FloorCamera) -> list[WalkedPath]:
-        """Those who walk for a while; NaN where another head does not look."""
+        """Those who walk for a while; NaN where another sensor does not look."""
         paths = []
         for track in self._tracks:
             times_s = np.array(track.times_s)
@@ -180,46 +180,46 @@ def _sees(camera: FloorCamera, xy_m: F64) -> Bool:
     return np.asarray(inside.all(axis=1))
 
 
-class HeadsWatch(Carried):
-    """Watches what several heads of one place see."""
+class SensorsWatch(Carried):
+    """Watches what several sensors of one place see."""
 
-    def __init__(self, heads: Sequence[HeadPaths]) -> None:
-        self._heads = heads
+    def __init__(self, sensors: Sequence[SensorPaths]) -> None:
+        self._sensors = sensors
 
     def reset(self) -> None:
         """Forget everybody."""
-        for head in self._heads:
-            head.reset()
+        for sensor in self._sensors:
+            sensor.reset()
 
     def state(self) -> dict[str, Any]:
-        """A copy of the paths of each head, as plain values."""
-        return {head.name: head.state() for head in self._heads}
+        """A copy of the paths of each sensor, as plain values."""
+        return {sensor.name: sensor.state() for sensor in self._sensors}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Continue from a copy."""
-        for head in self._heads:
-            head.set_state(state[head.name])
+        for sensor in self._sensors:
+            sensor.set_state(state[sensor.name])
 
     def update(self, time_s: float, views: Sequence[FloorPoints]) -> None:
-        """Take the foreground of all heads in the next frame."""
-        for head, points in zip(self._heads, views, strict=True):
-            head.update(time_s, points)
+        """Take the foreground of all sensors in the next frame."""
+        for sensor, points in zip(self._sensors, views, strict=True):
+            sensor.update(time_s, points)
 
     def checks(self) -> list[Check]:
-        """How far apart each two heads see the same people."""
-        return [agreement_check(first, second) for first, second in combinations(self._heads, 2)]
+        """How far apart each two sensors see the same people."""
+        return [agreement_check(first, second) for first, second in combinations(self._sensors, 2)]
 
 
-def watched_heads(recording: SeveralHeads, seen: Sequence[PairFrames | DepthFrames], frames: int) -> HeadsWatch:
-    """What the heads of a recording see of people, in as many frames of each around those in which most moves; ``seen``
-    are frames of each spread over it."""
+def watch_sensors(recording: SeveralSensors, seen: Sequence[PairFrames | DepthFrames], frames: int) -> SensorsWatch:
+    """What the sensors of a recording see of people, in as many frames of each around those in which most moves;
+    ``seen`` are frames of each spread over it."""
     starts_s = np.array(recording.starts_s)
     middle_s = starts_s[0] + _liveliest_s(seen[0])
-    heads = []
+    sensors = []
     for part, start_s, spread in zip(recording.parts, starts_s, seen, strict=True):
         geometry = spread.rectifier.geometry
-        pose = cast(SE3, part.head.world_SE3_left)
-        head = HeadPaths(part.name, geometry.above(pose))
+        pose = cast(SE3, part.sensor.world_SE3_left)
+        sensor = SensorPaths(part.name, geometry.above(pose))
         background = 1.0 / geometry.depth(median_image(spread.disparities))
         step = max(1, round(part.fps * EVERY_S))
         first = round((middle_s - start_s) * part.fps) - step * (frames // 2)
@@ -227,11 +227,11 @@ def watched_heads(recording: SeveralHeads, seen: Sequence[PairFrames | DepthFram
         for frame in part.at(list(range(first, min(part.n_frames, first + step * frames), step))):
             depth = spread.depth_of(frame)
             nearer = geometry.disparity_metre * (1.0 / depth - background) > MOVED_PX
-            head.update(
+            sensor.update(
                 start_s + frame.timestamp_s, _points(np.where(nearer, depth, np.float32(np.nan)), geometry, pose)
             )
-        heads.append(head)
-    return HeadsWatch(heads)
+        sensors.append(sensor)
+    return SensorsWatch(sensors)
 
 
 def _liveliest_s(seen: PairFrames | DepthFrames) -> float:
@@ -252,12 +252,12 @@ def _points(depth: F32, geometry: RectifiedGeometry, world_SE3_left: SE3) -> Flo
     return FloorPoints(xyz, area.astype(np.float32), pixels.astype(np.int32))
 
 
-def agreement_check(first: HeadPaths, second: HeadPaths) -> Check:
-    """How far apart two heads see the same people, and what would let them agree."""
+def agreement_check(first: SensorPaths, second: SensorPaths) -> Check:
+    """How far apart two sensors see the same people, and what would let them agree."""
     name = f"{first.name} and {second.name}: people apart"
     agreement = agree(first.paths(second.camera), second.paths(first.camera))
     if agreement is None:
-        return limited(name, math.nan, "m", "nobody walked where both heads look", most=APART_M, warns=True)
+        return limited(name, math.nan, "m", "nobody walked where both sensors look", most=APART_M, warns=True)
     causes = [_cause(second, motion) for motion in agreement.corrections]
     note = "median distance between the places of people whom both see"
     if causes and agreement.apart_m > APART_M:
@@ -265,22 +265,22 @@ def agreement_check(first: HeadPaths, second: HeadPaths) -> Check:
     return limited(name, agreement.apart_m, "m", note, most=APART_M, warns=True)
 
 
-def _cause(head: HeadPaths, motion: RigAlignment) -> str:
+def _cause(sensor: SensorPaths, motion: RigAlignment) -> str:
     """What a correction changes in ``rigs.toml``, in words."""
     if motion.clock_s:
-        return f"start_s of {head.name} {abs(motion.clock_s):.1f} s {'smaller' if motion.clock_s < 0 else 'larger'}"
-    camera_m = head.camera.centre_m[:2]
+        return f"start_s of {sensor.name} {abs(motion.clock_s):.1f} s {'smaller' if motion.clock_s < 0 else 'larger'}"
+    camera_m = sensor.camera.centre_m[:2]
     x_m, y_m = motion.apply(camera_m)
     turned_deg = math.degrees(motion.heading_rad)
     return (
-        f"{head.name} at x {x_m:.2f}, y {y_m:.2f} m instead of {camera_m[0]:.2f}, {camera_m[1]:.2f} m "
+        f"{sensor.name} at x {x_m:.2f}, y {y_m:.2f} m instead of {camera_m[0]:.2f}, {camera_m[1]:.2f} m "
         f"and turned by {turned_deg:.1f} degrees"
     )
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """How far apart two heads see the same people, in the median [m], and what would let them agree: nothing where
+    """How far apart two sensors see the same people, in the median [m], and what would let them agree: nothing where
     they do."""
 
     apart_m: float
@@ -288,7 +288,7 @@ class Agreement:
 
 
 def agree(first: Paths, second: Paths) -> Agreement | None:
-    """Lay the paths of one head over those of another, as they are given and under other clocks and poses; None where
+    """Lay the paths of one sensor over those of another, as they are given and under other clocks and poses; None where
     nobody walks in both views."""
     given_s = met_s(AS_GIVEN, first, second)
     corrections = [_other_clock(first, second), _other_pose(first, second)]
@@ -321,14 +321,14 @@ def _pairs(first: Paths, second: Paths) -> list[tuple[WalkedPath, WalkedPath]]:
 
 
 def _other_clock(first: Paths, second: Paths) -> RigAlignment:
-    """The clock of the second head under which people meet for longest."""
+    """The clock of the second sensor under which people meet for longest."""
     ticks = round(CLOCK_S / TICK_S)
     motions = [RigAlignment(0.0, 0.0, 0.0, tick * TICK_S) for tick in range(-ticks, ticks + 1)]
     return max(motions, key=lambda motion: met_s(motion, first, second))
 
 
 def _other_pose(first: Paths, second: Paths) -> RigAlignment:
-    """The pose of the second head, moved and turned on the floor, under which people meet for longest."""
+    """The pose of the second sensor, moved and turned on the floor, under which people meet for longest."""
     motions = [AS_GIVEN]
     for pair in _pairs(first, second):
         target, source = _meeting_places(AS_GIVEN, [pair], math.inf)
@@ -348,7 +348,7 @@ def _other_pose(first: Paths, second: Paths) -> RigAlignment:
 def _meeting_places(
     motion: RigAlignment, pairs: Sequence[tuple[WalkedPath, WalkedPath]], meet_m: float
 ) -> tuple[F64, F64]:
-    """(N, 2) places of the first head's people and of the second's that are nearer than this under a motion [m]."""
+    """(N, 2) places of the first sensor's people and of the second's that are nearer than this under a motion [m]."""
     targets = [np.empty((0, 2))]
     sources = [np.empty((0, 2))]
     for path, other in pairs:

@@ -1,7 +1,7 @@
-"""Heads: what recorded a recording, made ready to measure depth, to separate the foreground and to say what shows.
+"""Sensors: what recorded a recording, made ready to measure depth, to separate the foreground and to say what shows.
 
-A head is a stereo pair, a depth sensor, a camera without depth, or one whose views were recorded before. The engine
-(``planview.engine.engine``) knows none of these kinds: it asks every head for the same four things.
+A sensor is a stereo pair, a depth sensor, a camera without depth, or one whose views were recorded before. The engine
+(``planview.engine.engine``) knows none of these kinds: it asks every sensor for the same four things.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from planview.maps.view import View, ViewBuilder
 from planview.tracking.base import Decision, ImageTracker
 from planview.trajectories.state import TrackState
 from stereo.depth import Depth, Matched
-from stereo.recording import Frame, OneCamera, Shot
+from stereo.recording import Frame, Shot, SingleCamera
 from stereo.viewpoint import Standing, Viewpoints
 
 MOTION_LEVEL = 10.0
@@ -64,15 +64,15 @@ class StageClock(dict[str, float]):
         self[stage] = self.get(stage, 0.0) + 1e3 * (self._since - since)
 
 
-class Head(Protocol):
-    """What the engine asks of a head, for every frame in this order: ``measure``, ``look``, ``protect``.
+class Sensor(Protocol):
+    """What the engine asks of a sensor, for every frame in this order: ``measure``, ``look``, ``protect``.
 
     Attributes:
-        name: among several heads.
+        name: among several sensors.
         camera: the (rectified left) camera above the floor; None for a camera that is not calibrated.
         size: (width, height) of its images [px].
-        rig: of heads that measure depth, above the floor, with the grid of the maps; else None.
-        views: of heads that measure depth, what makes their views and maps; else None.
+        rig: of sensors that measure depth, above the floor, with the grid of the maps; else None.
+        views: of sensors that measure depth, what makes their views and maps; else None.
         ahead: frames that may be measured ahead in a thread of their own; 0 for none.
         records: whether its views can be recorded as plan-view maps.
         checks: of the recording so far: before its first frame, and from the frames seen.
@@ -100,14 +100,14 @@ class Head(Protocol):
         tracking, since it runs ahead.
 
         Raises:
-            InputError, ValueError: a shot of another kind of head, or images of another size.
+            InputError, ValueError: a shot of another kind of sensor, or images of another size.
         """
 
     def look(self, measured: Any, frame: Frame[Any], clock: StageClock) -> View:
-        """What the head shows in a frame, by what was learned of the frames before.
+        """What the sensor shows in a frame, by what was learned of the frames before.
 
         Args:
-            measured: what ``measure`` gave; None where the head has no shot in this frame.
+            measured: what ``measure`` gave; None where the sensor has no shot in this frame.
         """
 
     def protect(self, people: Sequence[TrackState], view: View, decisions: Sequence[Decision]) -> None:
@@ -118,7 +118,7 @@ class Head(Protocol):
         """By name, the objects that hold what is carried from frame to frame."""
 
 
-class RigHead(Carried):
+class RigSensor(Carried):
     """A pair or a depth sensor above its floor.
 
     Attributes:
@@ -201,7 +201,7 @@ class RigHead(Carried):
         }  # fmt: skip
 
 
-class CameraHead(Carried):
+class CameraSensor(Carried):
     """One camera without depth: measures nothing, and separates the foreground and what moves (Zhang et al. 2008,
     section 2)."""
 
@@ -231,7 +231,7 @@ class CameraHead(Carried):
         factor = -(-size[0] // columns) if columns else 1
         self.size, self.camera, self._tracker = size, camera, tracker
         self._reduced = max(1, size[0] // factor), max(1, size[1] // factor)
-        focal_widths = OneCamera.focal_widths if camera is None else camera.focal_px / camera.width
+        focal_widths = SingleCamera.focal_widths if camera is None else camera.focal_px / camera.width
         self._standing = Standing(Viewpoints([], focal_widths))
         self._foreground = Foreground(params.foreground, self._reduced[::-1])
         self._ghosts = Ghosts(self._reduced[::-1])
@@ -334,8 +334,8 @@ class CameraHead(Carried):
         return np.asarray(motion, dtype=np.uint8)
 
 
-class RecordedHead:
-    """A head whose foreground points were recorded: it has measured and looked already.
+class RecordedSensor:
+    """A sensor whose foreground points were recorded: it has measured and looked already.
 
     With the parameters of the recording the tracks are the same bit for bit. With others they are an approximation:
     the feedback that the recording's tracker gave to its foreground stays in the points.

@@ -1,10 +1,10 @@
-"""A head of one's own: a stereo pair that forgets what is farther away than some metres.
+"""A sensor of one's own: a stereo pair that forgets what is farther away than some metres.
 
-A head measures depth, says what its pixels show, and keeps people from becoming background
-(``planview.Head``). This one wraps the head of a pair and changes what it measures; a sensor of your own
+A sensor measures depth, says what its pixels show, and keeps people from becoming background
+(``planview.Sensor``). This one wraps the sensor of a pair and changes what it measures; a sensor of your own
 would give its depth there. Whoever is farther away is still seen by colour, and followed with a less certain place.
 
-Run: python examples/own_head.py [RECORDING]
+Run: python examples/own_sensor.py [RECORDING]
 """
 
 import sys
@@ -16,7 +16,7 @@ import numpy as np
 import planview
 
 
-class NearHead(planview.RigHead):
+class NearSensor(planview.RigSensor):
     """A pair without depth beyond ``far_m``."""
 
     def __init__(self, setup: Any, config: planview.Config, far_m: float) -> None:
@@ -31,10 +31,10 @@ class NearHead(planview.RigHead):
 
 
 def main(path: str = "data/synthetic/demo", *, far_m: float = 6.0, frames: int = 0) -> None:
-    """Track with the head of one's own and score against the recording's truth."""
+    """Track with the sensor of one's own and score against the recording's truth."""
     recording, config = planview.open_recording(path), planview.Config()
-    head = NearHead(planview.set_up(recording, config), config, far_m)
-    engine = planview.Engine(recording, config, [head], planview.JointTracker(config.joint))
+    sensor = NearSensor(planview.set_up(recording, config), config, far_m)
+    engine = planview.Engine(recording, config, [sensor], planview.JointTracker(config.joint))
     rows = planview.TrajectoryCollector()
     for result in engine:
         if frames and result.frame >= frames:

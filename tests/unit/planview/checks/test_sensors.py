@@ -1,4 +1,4 @@
-"""Heads of one place that agree on where people are, or do not."""
+"""Sensors of one place that agree on where people are, or do not."""
 
 import math
 
@@ -10,7 +10,7 @@ from calib.pose import SE3
 from calib.rig import world_from_plane
 from calib.types import F64
 from planview.checks.check import Check
-from planview.checks.heads import HeadPaths, agreement_check, people_places
+from planview.checks.sensors import SensorPaths, agreement_check, people_places
 from planview.maps.plan_view import FloorPoints
 
 MATRIX = np.array([[300.0, 0.0, 239.5], [0.0, 300.0, 179.5], [0.0, 0.0, 1.0]])
@@ -39,34 +39,34 @@ def foreground(*bodies: F64) -> FloorPoints:
 
 
 def walker_m(time_s: float) -> tuple[float, float]:
-    """A walk along a curve at 1.2 m/s, where both heads look."""
+    """A walk along a curve at 1.2 m/s, where both sensors look."""
     return 1.2 * math.sin(0.9 * time_s), 3.2 + 0.6 * math.cos(1.1 * time_s)
 
 
 def walked(
-    head: HeadPaths, side: float, late_s: float = 0.0, moved: SE3 = AS_THEY_ARE, seconds: float = 6.0
-) -> HeadPaths:
-    """A head that sees a walker from one side, whose clock is late and whose pose is moved."""
+    sensor: SensorPaths, side: float, late_s: float = 0.0, moved: SE3 = AS_THEY_ARE, seconds: float = 6.0
+) -> SensorPaths:
+    """A sensor that sees a walker from one side, whose clock is late and whose pose is moved."""
     for time_s in np.arange(0.0, seconds, 0.2):
         body = person(*walker_m(time_s), side=side)
-        head.update(time_s + late_s, foreground(np.asarray(moved @ body)))
-    return head
+        sensor.update(time_s + late_s, foreground(np.asarray(moved @ body)))
+    return sensor
 
 
 def disagreement(late_s: float = 0.0, moved: SE3 = AS_THEY_ARE, seconds: float = 6.0) -> Check:
-    north = walked(HeadPaths("north", camera(NORTH_POSE)), -1.0, seconds=seconds)
-    south = walked(HeadPaths("south", camera(moved @ FROM_SOUTH @ NORTH_POSE)), 1.0, late_s, moved, seconds)
+    north = walked(SensorPaths("north", camera(NORTH_POSE)), -1.0, seconds=seconds)
+    south = walked(SensorPaths("south", camera(moved @ FROM_SOUTH @ NORTH_POSE)), 1.0, late_s, moved, seconds)
     return agreement_check(north, south)
 
 
 def turned(degrees: float, shift_m: tuple[float, float] = (0.0, 0.0)) -> SE3:
-    """A turn about the south head, and a shift."""
+    """A turn about the south sensor, and a shift."""
     turn = SE3.from_rotvec([0.0, 0.0, math.radians(degrees)], [0.0, 0.0, 0.0])
     about = np.array([0.0, 6.4, 0.0])
     return SE3(turn.rotation, about - turn.rotation @ about + np.array([*shift_m, 0.0]))
 
 
-def test_people_are_where_their_heads_are() -> None:
+def test_people_are_where_their_sensors_are() -> None:
     places = people_places(foreground(person(0.0, 3.0), person(1.2, 3.0, 1.6)), np.array([0.0, 0.0, 2.6]))
     np.testing.assert_allclose(places, [[0.0, 3.0, 1.7], [1.2, 3.0, 1.55]], atol=0.06)
 
@@ -75,13 +75,13 @@ def test_things_lower_than_a_person_are_nobody() -> None:
     assert len(people_places(foreground(person(0.0, 3.0, 0.8)), np.zeros(3))) == 0
 
 
-def test_heads_that_agree_are_silent() -> None:
+def test_sensors_that_agree_are_silent() -> None:
     check = disagreement()
     assert check.ok and check.value < 0.1
 
 
 @pytest.mark.parametrize(("late_s", "how"), [(1.0, "1.0 s smaller"), (-0.4, "0.4 s larger"), (3.0, "3.0 s smaller")])
-def test_clock_that_would_let_heads_agree_is_named(late_s: float, how: str) -> None:
+def test_clock_that_would_let_sensors_agree_is_named(late_s: float, how: str) -> None:
     check = disagreement(late_s)
     assert check.warns and not check.ok
     assert f"start_s of south {how}" in check.note
@@ -92,15 +92,15 @@ def test_clock_is_named_where_the_times_do_not_overlap() -> None:
 
 
 @pytest.mark.parametrize("moved", [turned(0.0, (0.0, -0.5)), turned(0.0, (0.6, 0.0)), turned(8.0)])
-def test_pose_that_would_let_heads_agree_is_named(moved: SE3) -> None:
+def test_pose_that_would_let_sensors_agree_is_named(moved: SE3) -> None:
     check = disagreement(moved=moved)
     assert not check.ok
     numbers = check.note.split("south at x ")[1].replace(", y", "").split(" m")[0].split()
     assert [float(number) for number in numbers] == pytest.approx([0.0, 6.4], abs=0.25)
 
 
-def test_heads_that_see_different_people_in_different_places_say_nothing() -> None:
-    north, south = HeadPaths("north", camera(NORTH_POSE)), HeadPaths("south", camera(FROM_SOUTH @ NORTH_POSE))
+def test_sensors_that_see_different_people_in_different_places_say_nothing() -> None:
+    north, south = SensorPaths("north", camera(NORTH_POSE)), SensorPaths("south", camera(FROM_SOUTH @ NORTH_POSE))
     for time_s in np.arange(0.0, 6.0, 0.2):
         north.update(time_s, foreground(person(0.3 * time_s - 1.0, 1.0)))
         south.update(time_s, foreground(person(0.3 * time_s - 1.0, 5.4)))
@@ -108,8 +108,8 @@ def test_heads_that_see_different_people_in_different_places_say_nothing() -> No
     assert check.ok and math.isnan(check.value)
 
 
-def test_two_people_side_by_side_of_whom_one_is_hidden_from_one_head_are_no_disagreement() -> None:
-    north, south = HeadPaths("north", camera(NORTH_POSE)), HeadPaths("south", camera(FROM_SOUTH @ NORTH_POSE))
+def test_two_people_side_by_side_of_whom_one_is_hidden_from_one_sensor_are_no_disagreement() -> None:
+    north, south = SensorPaths("north", camera(NORTH_POSE)), SensorPaths("south", camera(FROM_SOUTH @ NORTH_POSE))
     for time_s in np.arange(0.0, 6.0, 0.2):
         x_m, y_m = walker_m(time_s)
         north.update(time_s, foreground(person(x_m, y_m), person(x_m + 0.8, y_m)))
@@ -118,7 +118,7 @@ def test_two_people_side_by_side_of_whom_one_is_hidden_from_one_head_are_no_disa
 
 
 def test_paths_go_on_from_a_checkpoint() -> None:
-    before, after = (HeadPaths("north", camera(NORTH_POSE)) for _ in range(2))
+    before, after = (SensorPaths("north", camera(NORTH_POSE)) for _ in range(2))
     walked(before, -1.0, seconds=3.0)
     after.set_state(before.state())
     path, again = before.paths(camera(NORTH_POSE)), after.paths(camera(NORTH_POSE))
