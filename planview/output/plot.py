@@ -32,7 +32,6 @@ from planview.trajectories.table import Trajectories
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from pandas import DataFrame
 
 Panel = Literal["paths", "density", "flow", "speed", "count"]
 PANELS: tuple[Panel, ...] = ("paths", "speed", "count")
@@ -100,12 +99,11 @@ def figure_of(
     or flow of several runs."""
     _refuse_mixed(runs, panels)
     figure, places = _empty_figure(panels, _shape(runs))
-    tables = [run.tracks.to_dataframe() for run in runs]
-    for n, (run, table) in enumerate(zip(runs, tables, strict=True)):
+    for n, run in enumerate(runs):
         style = _style_of_one(colour) if len(runs) == 1 else _style_of_several(n, run.name)
-        _draw_run(places, table, run.name, style)
+        _draw_run(places, run, style)
     if truth is not None:
-        _draw_truth(places, truth.to_dataframe(), tables[0])
+        _draw_truth(places, truth, clock=runs[0].tracks)
     if floor is not None:
         for panel in places.keys() & FROM_ABOVE.keys():
             places[panel].imshow(floor.image, extent=floor.extent_m, origin="lower", zorder=0)
@@ -147,20 +145,21 @@ def _style_of_several(n: int, name: str) -> _Style:
     return _Style(colour, colour, colour, max(1.0, 3.2 - 1.6 * n), name, name)
 
 
-def _draw_run(places: dict[Panel, Axes], table: DataFrame, name: str, style: _Style) -> None:
+def _draw_run(places: dict[Panel, Axes], run: NamedTracks, style: _Style) -> None:
+    name, tracks = run
     if "paths" in places:
-        plot_paths(table, places["paths"], colour=style.path_colour, label=name, width=style.path_width)
+        plot_paths(tracks, places["paths"], colour=style.path_colour, label=name, width=style.path_width)
     if "density" in places:
-        plot_density(table, places["density"])
+        plot_density(tracks, places["density"])
     if "flow" in places:
-        plot_flow(table, places["flow"])
+        plot_flow(tracks, places["flow"])
     if "speed" in places:
-        plot_speed(table, places["speed"], colour=style.speed_colour, label=style.speed_label)
+        plot_speed(tracks, places["speed"], colour=style.speed_colour, label=style.speed_label)
     if "count" in places:
-        plot_counts(table, places["count"], colour=style.count_colour, label=style.count_label)
+        plot_counts(tracks, places["count"], colour=style.count_colour, label=style.count_label)
 
 
-def _draw_truth(places: dict[Panel, Axes], truth: DataFrame, clock: DataFrame) -> None:
+def _draw_truth(places: dict[Panel, Axes], truth: Trajectories, clock: Trajectories) -> None:
     """Draw the true people, at the times of tracks."""
     if "paths" in places:
         plot_truth(truth, places["paths"])
@@ -250,5 +249,5 @@ def _write_legends(figure: Figure, places: dict[Panel, Axes], runs: Sequence[Nam
                 axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.09), ncols=4, **LEGEND)
             else:
                 axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, **LEGEND)
-    if len(runs) == 1:
+    if len(runs) == 1 and runs[0].name:
         figure.suptitle(runs[0].name, x=0.01, ha="left", fontsize=12, color=INK)

@@ -21,10 +21,7 @@ from calib.types import F64, I64, AnyArray, Bool
 from planview.trajectories.state import TrackState
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from pandas import DataFrame
-
-    from planview.trajectories.plot import Colouring
 
 KEY_MAX = 2**53
 """Largest frame number or id that a float64 holds exactly."""
@@ -272,20 +269,6 @@ class Trajectories:
 
     def _repr_html_(self) -> str:
         return str(self.where(np.arange(min(5, len(self)))).to_dataframe().to_html())
-
-    def plot(self, axes: Axes | None = None, colour: Colouring = "id") -> Axes:
-        """Draw the paths on the floor into matplotlib axes, new ones when None, and return these. ``colour``: "id" for
-        a colour per person, "time" for a scale of seconds. Raises InputError: neither positions nor boxes."""
-        from planview.trajectories.plot import plot_paths
-
-        if axes is None:
-            import matplotlib.pyplot
-
-            axes = matplotlib.pyplot.subplots(figsize=(7, 6), layout="constrained")[1]
-        plot_paths(self.to_dataframe(), axes, colour=colour)
-        if axes.get_legend_handles_labels()[1]:
-            axes.legend(title="person", fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
-        return axes
 
     @staticmethod
     def from_dataframe(frame: DataFrame) -> Trajectories:

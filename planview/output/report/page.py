@@ -97,44 +97,35 @@ def write_report(folder: Path, truth: Path | None = None) -> Path:
 
 def _pictures(results: RunFolder) -> list[Picture]:
     """Pictures of the floor, of templates, and of numbers over time."""
-    pictures = _floor_pictures(results)
-    templates = plots.template_plot(results)
+    pictures = _curves(results)
+    templates = plots.plot_templates(results)
     if templates is not None:
         note = "Height (above, up to 2 m) and occupancy around each person in the middle of the track, 0.8 m wide."
         pictures.append(picture("Templates", templates, note, keep_colours=True))
-    if results.n_frames > 1:
-        frames = np.arange(results.n_frames, dtype=np.int64)
-        people = plots.people_plot(results.tracks, results.clock.at(frames), frames)
-        pictures.append(picture("People over time", people))
     end_s = results.clock.span(max(1, results.n_frames)).end_s
     crossings = _crossings(results)
     if crossings:
-        pictures.append(picture("Crossings over time", plots.steps_plot(crossings, end_s, "crossings")))
+        pictures.append(picture("Crossings over time", plots.plot_steps(crossings, end_s, "crossings")))
     inside = {}
     for name, rule in results.rule_counts.items():
         changes = rule.get("occupancy") or rule.get("length")
         if changes:
             inside[name] = changes
     if inside:
-        pictures.append(picture("Occupancy and queues", plots.steps_plot(inside, end_s, "people")))
+        pictures.append(picture("Occupancy and queues", plots.plot_steps(inside, end_s, "people")))
     return pictures
 
 
-def _floor_pictures(results: RunFolder) -> list[Picture]:
-    """Ways of people on the floor, and the time that they spent there."""
-    pictures = []
-    placed = plots.placed(results.tracks)
-    if len(placed):
-        note = "Each person from the dot to the square; thin where only predicted. Lines: metres."
-        if results.truth is not None:
-            note += " Black: the truth."
-        pictures.append(picture("Floor", plots.floor_plot(results), note))
-    observed = placed.where(placed.state != "lost")
-    if len(observed):
-        png, longest_s = plots.heat_plot(np.column_stack([observed.x_m, observed.y_m]), results)
-        note = f"Time that people spent in each cell of {plots.HEAT_CELL_M:.1f} m, on a logarithmic scale: yellow "
-        note += f"{longest_s:.1f} s, dark blue a {plots.HEAT_RANGE:.0f}th of it."
-        pictures.append(picture("Heat map", png, note, keep_colours=True))
+def _curves(results: RunFolder) -> list[Picture]:
+    """The panels of ``planview plot``; none where nobody has a place."""
+    tracks = results.tracks.where(results.of_people)
+    is_on_floor = bool(np.isfinite(tracks.x_m).any())
+    if not is_on_floor and not np.isfinite(tracks.box_px).any():
+        return []
+    pictures = [picture("Paths", plots.plot_run(results, "paths"))]
+    if is_on_floor:
+        pictures.append(picture("Density", plots.plot_run(results, "density"), keep_colours=True))
+    pictures.append(picture("Over time", plots.plot_run(results, "speed", "count")))
     return pictures
 
 

@@ -1,5 +1,6 @@
 """Plots of trajectories: what is drawn where, and the files of ``planview plot``."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from planview.trajectories.plot import (
     plot_paths,
     plot_speed,
 )
-from planview.trajectories.table import Trajectories, concatenated, positions_table, write_table
+from planview.trajectories.table import Trajectories, positions_table, write_table
 
 
 def walkers(people: int = 1, frames: int = 60) -> Trajectories:
@@ -33,68 +34,70 @@ def axes() -> object:
 
 
 def test_path_of_a_person_is_a_line_of_its_positions_with_equal_axes() -> None:
-    drawn = plot_paths(walkers().to_dataframe(), axes())
+    drawn = plot_paths(walkers(), axes())
     line = drawn.get_lines()[0]
     assert line.get_xydata()[-1] == pytest.approx([0.5, 0.05 * 59]) and line.get_label() == "1"
     assert drawn.get_aspect() == 1.0 and (drawn.get_xlabel(), drawn.get_ylabel()) == ("x [m]", "y [m]")
 
 
 def test_missing_frames_are_a_gap_in_the_path() -> None:
-    table = walkers().to_dataframe()
-    drawn = plot_paths(table[(table.frame < 20) | (table.frame > 40)], axes())
+    table = walkers()
+    drawn = plot_paths(table.where((table.frame < 20) | (table.frame > 40)), axes())
     assert np.isnan(drawn.get_lines()[0].get_ydata()).sum() == 1
 
 
 def test_the_path_of_an_id_that_is_suddenly_elsewhere_has_a_gap() -> None:
-    table = walkers().to_dataframe()
-    table.loc[table.frame >= 30, "x_m"] += 30.0
+    table = walkers()
+    table.x_m[table.frame >= 30] += 30.0
     drawn = plot_paths(table, axes())
     assert np.isnan(drawn.get_lines()[0].get_ydata()).sum() == 1
     assert max(np.nanmax(line.get_ydata()) for line in plot_speed(table, axes()).get_lines()) < 2.0
 
 
 def test_who_is_confirmed_for_too_short_is_nobody_in_any_plot() -> None:
-    table = concatenated([walkers(), walkers(people=2, frames=5)]).to_dataframe().drop_duplicates(["frame", "id"])
+    both = walkers(people=2)
+    table = both.where((both.track_id == 1) | (both.frame < 5))
     assert plot_paths(table, axes()).get_legend_handles_labels()[1] == ["1"]
     assert max(plot_counts(table, axes()).get_lines()[0].get_ydata()) == 1
 
 
 def test_legend_names_twenty_people_and_counts_the_others() -> None:
-    labels = plot_paths(walkers(people=23).to_dataframe(), axes()).get_legend_handles_labels()[1]
+    labels = plot_paths(walkers(people=23), axes()).get_legend_handles_labels()[1]
     assert len(labels) == NAMED_MAX + 1 and labels[-1] == "3 more"
 
 
 def test_speed_without_velocities_is_that_of_the_positions() -> None:
-    line = plot_speed(walkers().to_dataframe(), axes()).get_lines()[0]
+    line = plot_speed(walkers(), axes()).get_lines()[0]
     assert np.asarray(line.get_ydata()) == pytest.approx(1.5)
 
 
 def test_speed_by_a_clock_of_whole_seconds_is_the_mean_over_them() -> None:
-    table = walkers(frames=120).to_dataframe()
-    line = plot_speed(table.assign(timestamp_s=np.floor(table.timestamp_s)), axes()).get_lines()[0]
+    table = walkers(frames=120)
+    table.timestamp_s[:] = np.floor(table.timestamp_s)
+    line = plot_speed(table, axes()).get_lines()[0]
     assert np.asarray(line.get_ydata()) == pytest.approx(1.5)
 
 
 def test_speeds_drawn_after_slower_ones_are_not_cut_off() -> None:
-    slow, both = walkers().to_dataframe(), axes()
-    plot_speed(slow, both)
-    plot_speed(slow.assign(y_m=3 * slow.y_m), both)
+    both = axes()
+    plot_speed(walkers(), both)
+    plot_speed(replace(walkers(), y_m=3 * walkers().y_m), both)
     assert both.get_ylim()[0] == 0 and 4.5 < both.get_ylim()[1] < 5.5
 
 
 def test_counts_are_people_in_every_frame() -> None:
-    table = walkers(people=2).to_dataframe()
-    line = plot_counts(table[(table.id == 1) | (table.frame < 30)], axes()).get_lines()[0]
+    table = walkers(people=2)
+    line = plot_counts(table.where((table.track_id == 1) | (table.frame < 30)), axes()).get_lines()[0]
     assert list(line.get_ydata())[:31:30] == [2, 1] and list(line.get_ydata())[-1] == 0
 
 
 def test_density_of_a_person_who_is_always_there_adds_up_to_one() -> None:
-    mesh = plot_density(walkers(people=2).to_dataframe(), axes()).collections[0]
+    mesh = plot_density(walkers(people=2), axes()).collections[0]
     assert np.ma.getdata(mesh.get_array()).sum() * DENSITY_CELL_M**2 == pytest.approx(2.0, abs=0.02)
 
 
 def test_flow_is_density_times_velocity_the_way_people_walk() -> None:
-    arrows = plot_flow(walkers(frames=100).to_dataframe(), axes()).collections[0]
+    arrows = plot_flow(walkers(frames=100), axes()).collections[0]
     # A person is in one of ten cells for a tenth of the time: 0.1 / 0.25 m² x 1.5 m/s.
     assert arrows.get_array().max() == pytest.approx(0.6, rel=0.15)
     assert pytest.approx(0.0, abs=1e-9) == arrows.U and (arrows.V > 0.99).all()
@@ -111,14 +114,12 @@ def test_frames_without_rows_have_the_times_between_their_neighbours_and_beyond(
     assert clock.at(np.array([5, 65])) == pytest.approx([5 / 30, 65 / 30])
 
 
-def test_tracks_of_a_table_draw_themselves() -> None:
-    drawn = axes()
-    assert walkers(people=2).plot(drawn) is drawn and len(drawn.get_legend().get_texts()) == 2
-
-
-def test_runs_are_told_apart_by_colour_and_metres_not_mixed_with_pixels() -> None:
+def test_runs_are_told_apart_by_colour() -> None:
     figure = figure_of([NamedTracks("near", walkers()), NamedTracks("far", walkers(2))])
     assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == ["near", "far"]
+
+
+def test_runs_in_metres_are_not_plotted_with_runs_in_pixels() -> None:
     none = np.full((5, 2), np.nan)
     boxes = positions_table(np.arange(5), np.ones(5, int), none + 0.0, box_px=np.ones((5, 4)))
     with pytest.raises(InputError, match="some of the runs are in metres and some in pixels"):

@@ -20,7 +20,7 @@ from planview.evaluation.significant import SignificantError
 from planview.output.folder import RunInfo, SkippedFrame, read_run_info, write_run_info
 from planview.output.render import open_frames
 from planview.output.report.page import changed_settings, differing_settings, scores_of, write_report
-from planview.output.report.plots import UNHELD, heat_plot, held_by, identity_pictures
+from planview.output.report.plots import UNHELD, held_by, identity_pictures
 from planview.output.report.snapshots import busiest_frame, scene_pictures
 from planview.output.run_folder import RunFolder
 from planview.output.tables import DECISION_COLUMNS
@@ -51,7 +51,7 @@ def pictures(page: str) -> list[bytes]:
     return [base64.b64decode(data) for data in re.findall(r'src="data:image/png;base64,([^"]+)"', page)]
 
 
-def test_report_of_tracks_alone_shows_the_floor_the_heat_and_the_people(tmp_path: Path) -> None:
+def test_report_of_tracks_alone_shows_paths_density_curves_with_identities(tmp_path: Path) -> None:
     write_tracks(tmp_path)
     page = write_report(tmp_path).read_text()
     assert len(pictures(page)) == 4 and all(picture.startswith(b"\x89PNG") for picture in pictures(page))
@@ -134,13 +134,6 @@ def test_decisions_of_a_person_say_why_and_how_well_they_matched(tmp_path: Path)
     page = write_report(tmp_path).read_text()
     assert "matched in 31 frames, 0 to 30; median score 0.15, worst 0.30 in frame 30" in page
     assert "&lt;nothing like it&gt;" in page
-
-
-def test_heat_map_adds_time_in_the_cell_of_each_row(tmp_path: Path) -> None:
-    write_tracks(tmp_path)
-    run = RunFolder(tmp_path)
-    xy = np.array([[0.0, 0.0], [0.0, 0.0], [1.0, 0.5]])
-    assert heat_plot(xy, run)[1] == pytest.approx(2 * run.clock.frame_s)
 
 
 def test_run_info_survives_writing_and_reading(tmp_path: Path) -> None:
