@@ -105,7 +105,9 @@ def load_rigs(path: Path) -> tuple[RigEntry, ...]:
     """Read ``rigs.toml``. Raises InputError: unreadable, keys missing, or sensors that cannot be: none, two of one
     folder, a folder outside of the file's own, a pose below the floor."""
     with expecting_table(path, "a rigs.toml"):
-        entries = tuple(_entry(table) for table in _tables(load_toml(path, "a rigs.toml")))
+        rigs = load_toml(path, "a rigs.toml")
+        listed = "head" if "head" in rigs else "sensor"  # older files have heads
+        entries = tuple(_entry(table) for table in rigs[listed])
     if not 1 <= len(entries) <= 32:  # more in one world are a mistake
         raise InputError(f"{path}: expected 1 to 32 sensors, found {len(entries)}")
     inside = path.parent.resolve()
@@ -120,12 +122,6 @@ def load_rigs(path: Path) -> tuple[RigEntry, ...]:
         except ValueError as error:
             raise InputError(f"{path}: {entry.folder}: {error}") from error
     return entries
-
-
-def _tables(rigs: dict[str, Any]) -> list[dict[str, Any]]:
-    """A table for each sensor; older files call it a head."""
-    tables: list[dict[str, Any]] = rigs["head" if "head" in rigs else "sensor"]
-    return tables
 
 
 def _entry(table: dict[str, Any]) -> RigEntry:

@@ -27,7 +27,7 @@ from planview.synthetic.light import Tracer, level_at
 from planview.synthetic.mesh import Mesh, join
 from planview.synthetic.people import Actor, Cast, furniture_at, place_mesh
 from planview.synthetic.room import furniture_mesh, room_mesh
-from planview.synthetic.scene import Capture, Rig, Scene, Sensor
+from planview.synthetic.scene import Capture, ImageSensor, Rig, Scene
 from planview.synthetic.texture import Palette
 
 _BANK = 1 << 21
@@ -42,7 +42,12 @@ class SensorModel:
     """One camera's sensor; its noise depends only on the seed, the camera and the frame."""
 
     def __init__(
-        self, sensor: Sensor, shape: tuple[int, int], gain: float, seed: tuple[int, int], capture: Capture | None = None
+        self,
+        sensor: ImageSensor,
+        shape: tuple[int, int],
+        gain: float,
+        seed: tuple[int, int],
+        capture: Capture | None = None,
     ) -> None:
         """``gain`` scales linear light to 1 at full scale; ``shape`` is (H, W); the last of ``seed`` is the camera."""
         self._capture = capture or Capture()

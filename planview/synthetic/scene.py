@@ -264,7 +264,7 @@ class Lights(Params):
     lamps: tuple[Light, ...] = ()
 
 
-class Sensor(Params):
+class ImageSensor(Params):
     """From light to grey levels."""
 
     grey: bool = False
@@ -351,7 +351,7 @@ class Scene(Params):
     room: Room = Room()
     rig: Rig | None = None
     camera: CameraMount | None = None
-    sensor: Sensor = Sensor()
+    sensor: ImageSensor = ImageSensor()
     lights: Lights = Lights()
     capture: Capture | None = None
     furniture: tuple[Furniture, ...] = ()

@@ -12,7 +12,7 @@ from planview.synthetic import assets
 from planview.synthetic.motion import scripted_motion, step_length_m
 from planview.synthetic.people import Body, Cast, Pose, pose_at
 from planview.synthetic.render import SceneRenderer, SensorModel
-from planview.synthetic.scene import Furniture, ScenePerson, Sensor, Walk, load_scene, parse_scene
+from planview.synthetic.scene import Furniture, ImageSensor, ScenePerson, Walk, load_scene, parse_scene
 from planview.synthetic.texture import Palette, fractal_noise
 from planview.synthetic.write import load_rig_scenes, write_rigs
 from planview.trajectories.table import read_truth
@@ -326,7 +326,7 @@ def test_right_image_is_the_left_shifted_by_the_disparity_of_a_flat_floor():
 
 def test_sensor_noise_and_exposure_follow_the_signal():
     flat = np.full((200, 200, 3), 0.25, np.float32)
-    sensor = Sensor(full_well_e=4000, read_noise_e=0, vignetting=0, blur_px=0, exposure=((1.0, 1.0), (1.1, 2.0)))
+    sensor = ImageSensor(full_well_e=4000, read_noise_e=0, vignetting=0, blur_px=0, exposure=((1.0, 1.0), (1.1, 2.0)))
     model = SensorModel(sensor, (200, 200), 1.0, (3, 0))
     before, after = model(flat, 0, 0.0), model(flat, 1, 2.0)
     assert before.mean() == pytest.approx(255 * (1.055 * 0.25 ** (1 / 2.4) - 0.055), abs=1.0)
