@@ -13,7 +13,6 @@ from planview.api import run as api
 from planview.api.arguments import settings
 from planview.api.results import render
 from planview.commands.options import say
-from planview.commands.scores import evaluate, print_counts
 from planview.commands.shell import JSON, Call, Flag, command
 from planview.commands.tools import config_toml
 from planview.engine.open import TrackerName, base_config
@@ -74,6 +73,8 @@ def run(call: Call) -> None:
     console = PlainConsole(stderr=True, quiet=call["quiet"])
     summary(console, info, out)
     if info.counts:
+        from planview.commands.scores import print_counts  # brings scipy
+
         print_counts(info.counts, console)
     call.prints_json({"out": str(out), **info.model_dump(mode="json", exclude={"config"})})
     if live.viewer is not None and live.viewer.page:
@@ -99,6 +100,8 @@ def demo(*, out: Path = Path("out/demo"), json: Flag = False) -> None:
         out: Folder for the results; results of an earlier demo there are replaced.
         json: Print one JSON object to standard output.
     """
+    from planview.commands.scores import evaluate  # brings scipy
+
     if not DEMO.is_dir():
         remedy = "install planview again, or run it from its repository"
         raise InputError(f"{DEMO}: expected the demo clip, found nothing; {remedy}")

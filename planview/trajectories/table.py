@@ -55,56 +55,58 @@ def table_of(columns: Mapping[str, Any] | DataFrame, source: Path | str) -> Traj
     """A table of columns named as in ``tracks.csv``, and "visible", with rows in any order; a column that is missing is
     unknown, and rows without a state are "confirmed". Messages name their source. Raises InputError: no frame, id, x_m
     or y_m, values that are not what a column holds, or two rows of one frame and id."""
-    import pandas  # half a second
-
     for name in ("frame", "id", "x_m", "y_m"):
         if name not in columns:
             raise InputError(f"{source}: expected the column {name!r}, found {', '.join(map(str, columns)) or 'none'}")
     known = {name: np.asarray(columns[name]) for name in COLUMNS if name in columns}
     if "timestamp_s" in known:
         known["timestamp_s"] = seconds_of(source, known["timestamp_s"])
+    names = *NUMBER_COLUMNS, "visible"
     with expecting(source, "numbers in the columns of tracks", TypeError, ValueError, OverflowError):
-        rows = pandas.DataFrame(known, columns=list(COLUMNS)).astype(dict.fromkeys((*NUMBER_COLUMNS, "visible"), "f8"))
-    rows = rows.fillna({"state": "confirmed", "visible": 1.0})
-    if foreign := set(rows["state"].unique()) - set(STATES):
-        raise InputError(f"{source}: expected a state of {', '.join(STATES)}, found {str(min(foreign, key=str))!r}")
-    keys = rows[["frame", "id"]].to_numpy()
-    if not np.isfinite(keys).all() or (keys % 1 != 0).any():
-        raise InputError(f"{source}: expected whole numbers for frame and id, found others")
-    if (np.abs(keys) > KEY_MAX).any():
-        raise InputError(f"{source}: expected frames and ids up to {KEY_MAX}, found {np.abs(keys).max():g}")
-    visible = rows["visible"].to_numpy()
+        unknown = np.full(len(known["frame"]), np.nan)
+        numbers = np.stack([np.asarray(known.get(name, unknown), dtype=np.float64) for name in names])
+    frames, timestamp_s, ids, x_m, y_m, vx_mps, vy_mps, height_m, *others, visible = numbers
+    given = known.get("state", unknown).astype(np.str_)
+    states = np.where(np.isin(given, ("nan", "None")), "confirmed", given)
+    if foreign := set(states.tolist()) - set(STATES):
+        raise InputError(f"{source}: expected a state of {', '.join(STATES)}, found {min(foreign)!r}")
+    keys = np.stack([frames, ids])
+    if len(odd := keys[~((np.abs(keys) <= KEY_MAX) & (keys == np.round(keys)))]):
+        raise InputError(f"{source}: expected whole numbers up to {KEY_MAX} for frame and id, found {odd[0]:g}")
+    visible[np.isnan(visible)] = 1.0
     if len(odd := visible[(visible != IGNORED) & ~((visible >= 0) & (visible <= 1))]):
         raise InputError(f"{source}: expected shares of 0 to 1 in the column 'visible', found {odd[0]:g}")
-    rows = _recordings_apart(rows.astype({"frame": np.int64, "id": np.int64}), source)
-    rows = rows.sort_values(["frame", "id"], kind="stable")
-    if len(twice := rows[rows.duplicated(["frame", "id"])]):
-        where = f"frame {twice['frame'].iat[0]}, id {twice['id'].iat[0]}"
-        raise InputError(f"{source}: expected one row per frame and id, found two for {where}")
-    column = {name: rows[name].to_numpy(copy=True) for name in COLUMNS}
-    return Trajectories(
-        column["frame"], column["id"], column["timestamp_s"], column["x_m"], column["y_m"], column["height_m"],
-        column["state"].astype("<U9"), column["visible"],
-        np.column_stack([column[name] for name in BOX_COLUMNS]),
-        np.column_stack([column["vx_mps"], column["vy_mps"]]), *(column[name] for name in LAST_COLUMNS),
+    frame, track_id = _recordings_apart(keys.astype(np.int64), source)
+    box_px = np.column_stack(others[:4])
+    velocity_mps = np.column_stack([vx_mps, vy_mps])
+    rows = Trajectories(
+        frame, track_id, timestamp_s, x_m, y_m, height_m, states.astype("<U9"), visible, box_px, velocity_mps,
+        *others[4:],
     )  # fmt: skip
+    table = rows.where(np.lexsort((track_id, frame)))
+    twice = (np.diff(table.frame) == 0) & (np.diff(table.track_id) == 0)
+    if twice.any():
+        where = f"frame {table.frame[1:][twice][0]}, id {table.track_id[1:][twice][0]}"
+        raise InputError(f"{source}: expected one row per frame and id, found two for {where}")
+    return table
 
 
-def _recordings_apart(rows: DataFrame, source: Path | str) -> DataFrame:
-    """The rows of recordings that follow one another, each with frames after those of the one before and with ids of
-    its own, and a warning; rows that repeat a frame and id otherwise stay."""
-    recording = recording_numbers(rows["frame"].to_numpy(), rows["id"].to_numpy())
+def _recordings_apart(keys: I64, source: Path | str) -> I64:
+    """(2, N) frames and ids of recordings that follow one another, each with frames after those of the one before and
+    with ids of its own, and a warning; rows that repeat a frame and id otherwise stay."""
+    frame, track_id = keys
+    recording = recording_numbers(frame, track_id)
     if not recording.any():
-        return rows
-    frame = after_one_another(rows["frame"].to_numpy(), recording, 1)
-    ids = renumbered(rows["id"].to_numpy(), recording)
-    lowest = np.abs(ids[recording > 0]).min()
+        return keys
+    frame = after_one_another(frame, recording, 1)
+    track_id = renumbered(track_id, recording)
+    lowest = np.abs(track_id[recording > 0]).min()
     warnings.warn(
         f"{source}: frames begin again, so another recording follows from frame {frame[recording > 0].min()} on: its "
         f"people get ids of their own, from {lowest} on",
         stacklevel=3,
     )
-    return rows.assign(frame=frame, id=ids)
+    return np.stack([frame, track_id])
 
 
 def recording_numbers(moment: I64 | F64, track_id: I64 | F64) -> I64:
@@ -149,33 +151,29 @@ def separators(text: str) -> tuple[str, str]:
 
 
 def _read(file: Path | str, required: Sequence[str], what: str) -> Trajectories:
-    import pandas  # half a second
-
     path = Path(file)
     require_file(path, f"a {what} file")
     missing: list[str] = []
     between = ","
     decimal = "."
     try:
-        with path.open(encoding="utf-8-sig", newline="") as text:
-            first = text.readline()
-            second = text.readline()
-            between, decimal = separators(first + second)
-            names = next(csv.reader([first], delimiter=between), [])
-            if missing := [name for name in required if name not in names]:
-                raise InputError(f"{path}: expected a {what} file with the column {missing[0]!r}, found {names}")
-        kinds = {name: "str" if name == "state" else "f8" for name in COLUMNS if name in names}
-        if "timestamp_s" in kinds and ":" in second:  # dates
-            kinds["timestamp_s"] = "str"
-        cells = pandas.read_csv(
-            path, usecols=list({*kinds, names[-1]}), dtype=kinds, index_col=False, keep_default_na=False,
-            na_values=["", " ", "nan", "NaN"], skipinitialspace=True, float_precision="round_trip",
-            encoding="utf-8-sig", sep=between, decimal=decimal,
-        )  # fmt: skip
-        # A row that is cut short lacks its last cell at least.
-        if cells[names[-1]].isna().any() and (fault := _first_fault(path, between, decimal, cells=False)):
-            raise InputError(f"{path}: {fault}")
-        return table_of(cells, path)
+        first, *rows = path.read_text(encoding="utf-8-sig").split("\n")
+        between, decimal = separators(first + "".join(rows[:1]))
+        names = next(csv.reader([first], delimiter=between), [])
+        if missing := [name for name in required if name not in names]:
+            raise InputError(f"{path}: expected a {what} file with the column {missing[0]!r}, found {names}")
+        kinds = {name: "U16" if name == "state" else "f8" for name in COLUMNS if name in names}
+        if "timestamp_s" in kinds and ":" in rows[0]:  # dates
+            kinds["timestamp_s"] = "U40"
+        kinds.setdefault(names[-1], "U1")  # a row that is cut short lacks its last cell at least
+        empty = re.compile(f"{between}(?= *({between}|$))")
+        # With a separator before it the first cell is one like the others. Pandas takes half a second to import.
+        filled = [empty.sub(f"{between}nan", between + row.replace(decimal, ".")) for row in rows if row.strip()]
+        cells = np.empty(0, [*kinds.items()])
+        if filled:
+            places = [1 + names.index(name) for name in kinds]
+            cells = np.loadtxt(filled, cells.dtype, None, between, usecols=places, ndmin=1, quotechar='"')
+        return table_of({name: cells[name] for name in COLUMNS if name in kinds}, path)
     except (OSError, ValueError, csv.Error, InputError) as error:
         if not missing and (fault := _first_fault(path, between, decimal)):
             raise InputError(f"{path}: {fault}") from error
@@ -184,16 +182,16 @@ def _read(file: Path | str, required: Sequence[str], what: str) -> Trajectories:
         raise InputError(f"{path}: expected a {what} file, found {reason(error)}") from error
 
 
-def _first_fault(path: Path, between: str, decimal: str, *, cells: bool = True) -> str:
-    """The first row of a table that is cut short or, with ``cells``, has a cell that is not what its column holds;
-    empty where there is none."""
+def _first_fault(path: Path, between: str, decimal: str) -> str:
+    """The first row of a table that is cut short or has a cell that is not what its column holds; empty where there is
+    none."""
     with suppress(OSError, UnicodeDecodeError, csv.Error), path.open(encoding="utf-8-sig", newline="") as file:
         reader = csv.reader(file, delimiter=between)
         names = next(reader, [])
         for row in filter(None, reader):
             if len(row) < len(names):
                 return f"expected {len(names)} cells in line {reader.line_num}, found fewer"
-            for name, cell in zip(names, row, strict=False) if cells else ():
+            for name, cell in zip(names, row, strict=False):
                 if expected := _expected(name, cell.strip().replace(decimal, ".")):
                     return f"expected {expected}, line {reader.line_num}, found {cell!r}"
     return ""
