@@ -47,9 +47,21 @@ Keys = tuple[tuple[str, re.Pattern[str]], ...]
 """What a format needs, as messages call it, and where it stands in a text."""
 
 
+def lacking_keys(keys: Keys, text: str) -> list[str]:
+    """Names of the keys that a text does not hold."""
+    return [name for name, pattern in keys if not pattern.search(text)]
+
+
 def whole_with(*sets: Keys) -> Callable[[Source], str | None]:
     """``Format.part`` of a format of one file, which holds every key of one of the sets."""
-    return lambda source: "whole" if any(all(key.search(source.text) for _, key in keys) for keys in sets) else None
+
+    def part(source: Source) -> str | None:
+        for keys in sets:
+            if not lacking_keys(keys, source.text):
+                return "whole"
+        return None
+
+    return part
 
 
 def lines_with(**patterns: str) -> Keys:
@@ -79,49 +91,38 @@ class Format(NamedTuple):
     suffix: str = ""
 
     def missing(self, source: Source) -> tuple[int, list[str]]:
-        """How many keys of a set a text holds, and those that it lacks: of the set that it holds most of."""
-        lacking = [[name for name, key in keys if not key.search(source.text)] for keys in self.sets]
-        held = [len(keys) - len(names) for keys, names in zip(self.sets, lacking, strict=True)]
-        return max(zip(held, lacking, strict=True), key=lambda one: (one[0], -len(one[1])))
+        """Number of keys of a set that a text holds, and those that it lacks: of the set that it holds most of."""
+        nearest: tuple[int, list[str]] = (-1, [])
+        for keys in self.sets:
+            lacking = lacking_keys(keys, source.text)
+            held = len(keys) - len(lacking)
+            if (held, -len(lacking)) > (nearest[0], -len(nearest[1])):
+                nearest = (held, lacking)
+        return nearest
 
 
 _ARRAYS = {".npy": "an array of NumPy", ".mat": "arrays of MATLAB", ".pkl": "Python objects"}
 
 
 def arrays_text(path: Path) -> str | None:
-    """What a file of arrays is that no format reads, and the way out; None of another file."""
-    found = _ARRAYS.get(path.suffix.lower())
-    way = "write K1, D1, K2, D2, R, T and image_size as lists into a .json file, or save a rig.toml"
-    return found and f"{found} ({path.name}): {way}"
-
-
-_LEFT = ("l", "left", "1")
-_RIGHT = ("r", "right", "2")
-_ROLES = {
-    "M": r"(mtx|k|m|cm|cam(era)?ma?t(ri)?x?|intrinsics?|matrix)",
-    "D": r"(dist|d|dist(ortion)?coeffs?|distortion)",
-}
-_POSE = {"R": r"r|rot|rotation", "T": r"t|trans|translation", "image_size": r"(image|img|frame)?(size|shape)"}
-
-
-def _array_name(name: str) -> str:
-    """OpenCV's name of an array that people call mtxL, distR, left_camera_matrix, Trans and the like; else its own."""
-    plain = name.lower().replace("_", "")
-    for role, words in _ROLES.items():
-        for number, sides in (("1", _LEFT), ("2", _RIGHT)):
-            side = "|".join(sides)
-            if re.fullmatch(rf"{words}({side})|({side}){words}", plain):
-                return role + number
-    return next((known for known, words in _POSE.items() if re.fullmatch(words, plain)), name)
+    """Description of a file of arrays that no format reads, and the way out; None of another file."""
+    kind = _ARRAYS.get(path.suffix.lower())
+    if kind is None:
+        return None
+    way_out = "write K1, D1, K2, D2, R, T and image_size as lists into a .json file, or save a rig.toml"
+    return f"{kind} ({path.name}): {way_out}"
 
 
 def _arrays_as_text(path: Path) -> str:
-    """The small arrays of a NumPy archive as JSON, by OpenCV's names. Raises InputError: no archive of numbers."""
+    """The small arrays of a NumPy archive as JSON. Raises InputError: no archive of numbers."""
     require_file(path, "a calibration file")
     # NumPy raises whatever a damaged file provokes.
-    with expecting(path, "arrays of NumPy", Exception), np.load(path, allow_pickle=False) as held:
-        small = [name for name in held.files if held.zip.getinfo(f"{name}.npy").file_size < 4096]
-        return json.dumps({_array_name(name): held[name].tolist() for name in small})
+    with expecting(path, "arrays of NumPy", Exception), np.load(path, allow_pickle=False) as archive:
+        lists = {}
+        for name in archive.files:
+            if archive.zip.getinfo(f"{name}.npy").file_size < 4096:
+                lists[name] = archive[name].tolist()
+        return json.dumps(lists)
 
 
 def read_source(path: Path) -> Source:
@@ -135,22 +136,25 @@ def read_source(path: Path) -> Source:
 
 
 def is_tsai(source: Source) -> bool:
-    """Does this text hold one camera in Tsai's model?"""
+    """True for a text that holds one camera in Tsai's model."""
     return "<Geometry" in source.text and "<Extrinsic" in source.text
 
 
 def side_of(name: str) -> str | None:
-    """Which camera a file or folder name refers to: "left", "right", or None when it names neither or both."""
-    words = set(re.split(r"[^a-z0-9]+", name.lower()))
-    left = bool(words & {"l", "cam0", "camera0"}) or "left" in name.lower()
-    right = bool(words & {"r", "cam1", "camera1"}) or "right" in name.lower()
-    return None if left == right else "left" if left else "right"
+    """Side that a file or folder name refers to: "left", "right", or None when it names neither or both."""
+    lower = name.lower()
+    words = set(re.split(r"[^a-z0-9]+", lower))
+    is_left = "left" in lower or bool(words & {"l", "cam0", "camera0"})
+    is_right = "right" in lower or bool(words & {"r", "cam1", "camera1"})
+    if is_left == is_right:
+        return None
+    return "left" if is_left else "right"
 
 
 def table(value: Any, name: str) -> Mapping[str, Any]:
     """A mapping, or ValueError."""
     if not isinstance(value, Mapping):
-        raise ValueError(f"expected {name} to be a table, found {_shown(value)}")
+        raise ValueError(f"expected {name} to be a table, found {_value_text(value)}")
     return value
 
 
@@ -165,13 +169,13 @@ def entry(values: Mapping[str, Any], *names: str) -> Any:
 def number(value: Any, name: str) -> float:
     """A finite number; YAML leaves ``1e-5`` a string, so numeric strings count."""
     if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise ValueError(f"expected a number for {name}, found {_shown(value)}")
+        raise ValueError(f"expected a number for {name}, found {_value_text(value)}")
     try:
         result = float(value)
     except (ValueError, OverflowError):
-        raise ValueError(f"expected a number for {name}, found {_shown(value)}") from None
+        raise ValueError(f"expected a number for {name}, found {_value_text(value)}") from None
     if not np.isfinite(result):
-        raise ValueError(f"expected finite numbers in {name}, found {_shown(value)}")
+        raise ValueError(f"expected finite numbers in {name}, found {_value_text(value)}")
     return result
 
 
@@ -179,18 +183,18 @@ def whole(value: Any, name: str) -> int:
     """A positive whole number below 100 000 (a size in pixels)."""
     result = number(value, name)
     if result != int(result) or not 1 <= result <= 100_000:
-        raise ValueError(f"expected a whole number of pixels for {name}, found {_shown(value)}")
+        raise ValueError(f"expected a whole number of pixels for {name}, found {_value_text(value)}")
     return int(result)
 
 
 def size_of(value: Any, name: str) -> Size:
     """(width, height) [px] from two numbers in any form that ``numbers`` takes."""
-    width, height = (float(v) for v in numbers(value, name, 2))
+    width, height = numbers(value, name, 2).tolist()
     return whole(width, name), whole(height, name)
 
 
 def lens_of(values: Mapping[str, Any], models: Mapping[str, T], name: str) -> T:
-    """What stands in ``models`` for the distortion_model of a camera, or ValueError."""
+    """Value of ``models`` for the distortion_model of a camera, or ValueError."""
     lens = str(entry(values, "distortion_model"))
     if lens not in models:
         raise ValueError(f"expected a distortion_model of {', '.join(models)} in {name}, found {lens!r}")
@@ -204,13 +208,13 @@ def numbers(value: Any, name: str, count: int | tuple[int, ...]) -> F64:
     if isinstance(value, str):
         value = value.replace(",", " ").replace(";", " ").split()
     if not isinstance(value, list | tuple):
-        raise ValueError(f"expected a list of numbers for {name}, found {_shown(value)}")
+        raise ValueError(f"expected a list of numbers for {name}, found {_value_text(value)}")
     allowed = (count,) if isinstance(count, int) else count
     flat: list[Any] = []
     for item in value:
         flat.extend(item if isinstance(item, list | tuple) else [item])
         if len(flat) > max(allowed):
-            break
+            break  # a list without end is not walked to its end
     if len(flat) not in allowed:
         raise ValueError(f"expected {' or '.join(map(str, allowed))} numbers for {name}, found {len(flat)} or more")
     return np.array([number(item, name) for item in flat])
@@ -237,17 +241,20 @@ def camera(
     """A camera from K (9 values, row-major) or (fx, fy, cx, cy) and coefficients; None: by their number."""
     if len(matrix) == 9:
         k = matrix.reshape(3, 3)
-        if np.abs(k[:2, 2]).max() < 1e-6 < np.abs(k[2, :2]).min():
-            raise ValueError(f"expected a camera matrix [fx 0 cx; 0 fy cy; 0 0 1] for {name}, found it transposed")
-        if abs(k[2, 2] - 1.0) > 1e-6 or np.abs(k[[1, 2, 2], [0, 0, 1]]).max() > 1e-6:
-            raise ValueError(f"expected a camera matrix [fx 0 cx; 0 fy cy; 0 0 1] for {name}, found {matrix.tolist()}")
+        column = np.abs(k[:2, 2])
+        row = np.abs(k[2, :2])
+        form = f"expected a camera matrix [fx 0 cx; 0 fy cy; 0 0 1] for {name}"
+        if column.max() < 1e-6 < row.min():
+            raise ValueError(f"{form}, found it transposed")
+        if abs(k[2, 2] - 1.0) > 1e-6 or abs(k[1, 0]) > 1e-6 or row.max() > 1e-6:
+            raise ValueError(f"{form}, found {matrix.tolist()}")
         if abs(k[0, 1]) > 1e-3 * abs(k[0, 0]):
             raise ValueError(f"expected no skew in the camera matrix of {name}, found {k[0, 1]:g}")
         matrix = k[[0, 1, 0, 1], [0, 1, 2, 2]]
     if model is None:
         model = "brown" if len(distortion) <= 5 else "rational"
-    fx, fy, cx, cy = (float(v) for v in matrix)
-    return Camera(*size, fx, fy, cx, cy, model, tuple(float(v) for v in distortion))
+    fx, fy, cx, cy = matrix.tolist()
+    return Camera(*size, fx, fy, cx, cy, model, tuple(distortion.tolist()))
 
 
 def transform(rotation: F64, translation: F64, name: str = "rotation") -> SE3:
@@ -265,16 +272,18 @@ def transform(rotation: F64, translation: F64, name: str = "rotation") -> SE3:
 def rigid(value: Any, name: str, unit_m: float) -> SE3:
     """A pose from a 4x4 (or 3x4) matrix, flat or nested."""
     flat = numbers(value, name, (12, 16))
-    if len(flat) == 16 and np.abs(flat[12:] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-6:
-        raise ValueError(f"expected {name} to end with the row 0 0 0 1, found {flat[12:].tolist()}")
-    m = flat[:12].reshape(3, 4)
-    return transform(m[:, :3].ravel(), m[:, 3] * unit_m, name)
+    last_row = flat[12:]
+    if len(last_row) and np.abs(last_row - [0.0, 0.0, 0.0, 1.0]).max() > 1e-6:
+        raise ValueError(f"expected {name} to end with the row 0 0 0 1, found {last_row.tolist()}")
+    matrix = flat[:12].reshape(3, 4)
+    return transform(matrix[:, :3].ravel(), matrix[:, 3] * unit_m, name)
 
 
-def joined(left: tuple[Camera, SE3], right: tuple[Camera, SE3], source: str) -> StereoRig:
+def join_cameras(left: tuple[Camera, SE3], right: tuple[Camera, SE3], source: str) -> StereoRig:
     """The rig of two cameras, each with its camera_SE3_common of a frame that both share."""
-    (one, left_SE3_common), (other, right_SE3_common) = left, right
-    return StereoRig(one, other, right_SE3_common @ left_SE3_common.inverse(), source)
+    left_camera, left_SE3_common = left
+    right_camera, right_SE3_common = right
+    return StereoRig(left_camera, right_camera, right_SE3_common @ left_SE3_common.inverse(), source)
 
 
 def projected(size: Size, value: Any, name: str, unit_m: float) -> tuple[Camera, SE3]:
@@ -284,20 +293,24 @@ def projected(size: Size, value: Any, name: str, unit_m: float) -> tuple[Camera,
     return camera(size, p[:, :3].ravel(), np.empty(0), "brown", name), SE3(np.eye(3), shift)
 
 
-def held(name: str, one: Camera, counts: Mapping[str, int]) -> tuple[LensModel, list[float]]:
-    """The lens as a format that holds ``counts`` coefficients by model holds it exactly, or ValueError."""
-    values = np.trim_zeros(one.coefficients, "b")
-    model: LensModel = "brown" if one.model == "rational" and len(values) <= 5 else one.model
+def exact_lens(name: str, camera: Camera, counts: Mapping[str, int]) -> tuple[LensModel, list[float]]:
+    """The lens as a format with ``counts`` coefficients by model holds it exactly, or ValueError."""
+    values = np.trim_zeros(camera.coefficients, "b").tolist()
+    model = camera.model
+    if model == "rational" and len(values) <= 5:
+        model = "brown"
     if model == "brown" and len(values) > counts.get("brown", -1) and "rational" in counts:
         model = "rational"
-    if len(values) > counts.get(model, -1):
-        holds = ", ".join(f"{n} {m} coefficients" for m, n in counts.items())
-        raise ValueError(f"the {name} format holds {holds}, not this {one.model} lens with {len(values)} of them")
-    return model, [*(float(v) for v in values), *[0.0] * (counts[model] - len(values))]
+    missing = counts.get(model, -1) - len(values)
+    if missing < 0:
+        holds = ", ".join(f"{count} {lens} coefficients" for lens, count in counts.items())
+        raise ValueError(f"the {name} format holds {holds}, not this {camera.model} lens with {len(values)} of them")
+    return model, values + [0.0] * missing
 
 
-def _shown(value: Any) -> str:
-    text = repr(value) if isinstance(value, str | int | float | bool | type(None)) else type(value).__name__
+def _value_text(value: Any) -> str:
+    is_plain = value is None or isinstance(value, str | int | float)
+    text = repr(value) if is_plain else type(value).__name__
     return text if len(text) <= 40 else text[:37] + "..."
 
 
@@ -342,8 +355,9 @@ def parse_yaml(text: str) -> Mapping[str, Any]:
     if len(text) > MAX_CHARACTERS:
         raise ValueError(f"expected YAML of up to {MAX_CHARACTERS} characters, found {len(text)}")
     try:
+        plain = _OPENCV_TAG.sub("", _HEADER.sub("", text.lstrip()))
         # Of several documents (ros2 topic echo prints one per message) the first.
-        data = next(yaml.load_all(_OPENCV_TAG.sub("", _HEADER.sub("", text.lstrip())), _PlainLoader), None)
+        data = next(yaml.load_all(plain, _PlainLoader), None)
     except yaml.YAMLError as error:
         raise ValueError(f"expected YAML, found {' '.join(str(error).split())}") from error
     # PyYAML's own constructors leak these on odd scalars such as "!!bool x" or a day 99, and on deep nesting.

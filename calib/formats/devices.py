@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.camera import Camera
+from calib.camera import Camera, LensModel
 from calib.formats import base
 from calib.formats.base import Choice, Format, Size, Source
 from calib.io import UNITS_M, size_text
@@ -25,27 +25,33 @@ from calib.rig import StereoRig
 def _depthai_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     data = base.table(base.parse_json(sources[0].text), "the file")
     listed = base.entry(data, "cameraData")
-    if not isinstance(listed, list) or not all(isinstance(item, list) and len(item) == 2 for item in listed):
-        raise ValueError("expected cameraData to be a list of [socket, camera]")
-    cameras = {_socket(socket): base.table(values, "camera") for socket, values in listed}
+    problem = ValueError("expected cameraData to be a list of [socket, camera]")
+    if not isinstance(listed, list):
+        raise problem
+    cameras = {}
+    for item in listed:
+        if not isinstance(item, list) or len(item) != 2:
+            raise problem
+        cameras[_socket(item[0])] = base.table(item[1], "camera")
     left, right = _sockets(data, cameras, choice)
     for socket in (left, right):
         if socket not in cameras:
             raise ValueError(f"expected a camera at socket {socket}, found sockets {sorted(cameras)}")
-    pose = _between(cameras, left, right, choice.unit(UNITS_M["cm"]))
-    one, other = (_depthai_camera(cameras[socket], socket) for socket in (left, right))
-    return StereoRig(one, other, pose, sources[0].path.name)
+    pose = _pose_between(cameras, left, right, choice.unit(UNITS_M["cm"]))
+    left_camera = _depthai_camera(cameras[left], left)
+    right_camera = _depthai_camera(cameras[right], right)
+    return StereoRig(left_camera, right_camera, pose, sources[0].path.name)
 
 
 def _sockets(data: Mapping[str, Any], cameras: Mapping[int, Any], choice: Choice) -> tuple[int, int]:
     if choice.cameras is not None:
-        first, second = map(_socket, choice.cameras)
-        return first, second
+        return _socket(choice.cameras[0]), _socket(choice.cameras[1])
     stereo = data.get("stereoRectificationData")
     if isinstance(stereo, Mapping):
-        pair = tuple(_socket(stereo.get(key, -1)) for key in ("leftCameraSocket", "rightCameraSocket"))
-        if pair[0] != pair[1] and set(pair) <= set(cameras):
-            return pair[0], pair[1]
+        left = _socket(stereo.get("leftCameraSocket", -1))
+        right = _socket(stereo.get("rightCameraSocket", -1))
+        if left != right and left in cameras and right in cameras:
+            return left, right
     if not {1, 2} <= set(cameras):
         raise ValueError(
             f"expected stereoRectificationData or cameras at the sockets 1 and 2, found sockets {sorted(cameras)} and "
@@ -57,37 +63,46 @@ def _sockets(data: Mapping[str, Any], cameras: Mapping[int, Any], choice: Choice
 def _socket(name: Any) -> int:
     """A socket by its number, as CAM_A, CAM_B, ..., or by the side that it has on most boards."""
     text = str(name).upper().removeprefix("CAMERABOARDSOCKET.")
-    named = {"RGB": 0, "LEFT": 1, "RIGHT": 2, "AUTO": -1}
+    numbers = {"RGB": 0, "LEFT": 1, "RIGHT": 2, "AUTO": -1}
+    if text in numbers:
+        return numbers[text]
     if len(text) == 5 and text.startswith("CAM_"):
         return ord(text[-1]) - ord("A")
-    return named[text] if text in named else int(base.number(name, "socket (a number, or CAM_A to CAM_J)"))
+    return int(base.number(name, "socket (a number, or CAM_A to CAM_J)"))
 
 
 def _depthai_camera(values: Mapping[str, Any], socket: int) -> Camera:
     size = (base.whole_at(values, "width"), base.whole_at(values, "height"))
     coefficients = base.numbers_at(values, (0, 4, 5, 8, 12, 14), "distortionCoeff")
-    kind = int(base.number(values.get("cameraType", 0), "cameraType"))  # 0 perspective, 1 fisheye
-    if kind not in {0, 1}:
+    kind = int(base.number(values.get("cameraType", 0), "cameraType"))
+    model: LensModel | None = None
+    if kind == 1:
+        model = "fisheye"
+        if np.any(coefficients[4:]):
+            raise ValueError(f"expected 4 fisheye coefficients at socket {socket}, found more")
+        coefficients = coefficients[:4]
+    elif kind != 0:  # perspective
         raise ValueError(f"expected a perspective or fisheye camera at socket {socket}, found cameraType {kind}")
-    if kind == 1 and np.any(coefficients[4:]):
-        raise ValueError(f"expected 4 fisheye coefficients at socket {socket}, found more")
-    coefficients = coefficients[:4] if kind == 1 else coefficients
     matrix = base.numbers_at(values, 9, "intrinsicMatrix")
-    return base.camera(size, matrix, coefficients, "fisheye" if kind == 1 else None, f"socket {socket}")
+    return base.camera(size, matrix, coefficients, model, f"socket {socket}")
 
 
-def _between(cameras: Mapping[int, Mapping[str, Any]], left: int, right: int, unit_m: float) -> SE3:
+def _pose_between(cameras: Mapping[int, Mapping[str, Any]], left: int, right: int, unit_m: float) -> SE3:
     """Compose the links from left to right; each is a dst_SE3_src that may be walked both ways."""
-    known = {left: SE3.identity()}
-    links = [link for socket in sorted(cameras) if (link := _link(socket, cameras[socket], unit_m))]
+    links = []
+    for socket in sorted(cameras):
+        link = _link(socket, cameras[socket], unit_m)
+        if link is not None:
+            links.append(link)
+    socket_SE3_left = {left: SE3.identity()}
     for src, dst, dst_SE3_src in links * len(links):
-        if src in known and dst not in known:
-            known[dst] = dst_SE3_src @ known[src]
-        elif dst in known and src not in known:
-            known[src] = dst_SE3_src.inverse() @ known[dst]
-    if right not in known:
+        if src in socket_SE3_left and dst not in socket_SE3_left:
+            socket_SE3_left[dst] = dst_SE3_src @ socket_SE3_left[src]
+        elif dst in socket_SE3_left and src not in socket_SE3_left:
+            socket_SE3_left[src] = dst_SE3_src.inverse() @ socket_SE3_left[dst]
+    if right not in socket_SE3_left:
         raise ValueError(f"expected extrinsics that link socket {left} to socket {right}, found none")
-    return known[right]
+    return socket_SE3_left[right]
 
 
 def _link(socket: int, values: Mapping[str, Any], unit_m: float) -> tuple[int, int, SE3] | None:
@@ -95,8 +110,8 @@ def _link(socket: int, values: Mapping[str, Any], unit_m: float) -> tuple[int, i
     to = _socket(extrinsics.get("toCameraSocket", -1))
     if to < 0 or to == socket:
         return None
-    t = base.table(base.entry(extrinsics, "translation"), "translation")
-    translation = np.array([base.number(base.entry(t, axis), f"translation {axis}") for axis in "xyz"]) * unit_m
+    shift = base.table(base.entry(extrinsics, "translation"), "translation")
+    translation = np.array([base.number_at(shift, axis) for axis in "xyz"]) * unit_m
     rotation = base.numbers_at(extrinsics, 9, "rotationMatrix")
     return socket, to, base.transform(rotation, translation, f"rotationMatrix of socket {socket}")
 
@@ -124,41 +139,56 @@ def _zed_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
         raise ValueError(f"expected sections with key=value lines, found {' '.join(str(error).split())}") from error
     sections = {name: dict(parser[name]) for name in parser.sections()}
     name, remark = _resolution(sections, choice.size)
-    left, right = (_zed_camera(sections, f"{side}_CAM_{name}", RESOLUTIONS[name]) for side in ("LEFT", "RIGHT"))
+    left = _zed_camera(sections, "LEFT", name)
+    right = _zed_camera(sections, "RIGHT", name)
     pose = _pose(base.entry(sections, "STEREO"), name, choice.unit(UNITS_M["mm"]))
     return StereoRig(left, right, pose, f"{source.path.name} [{name}]{remark}")
 
 
 def _resolution(sections: Mapping[str, Mapping[str, str]], size: Size | None) -> tuple[str, str]:
-    """The resolution of the images: the same size, else the largest of the same shape, else the largest."""
-    names = [name for name in RESOLUTIONS if f"LEFT_CAM_{name}" in sections and f"RIGHT_CAM_{name}" in sections]
-    if not names:
+    """The resolution of the images (the same size, else the largest of the same shape, else the largest), and a remark
+    where no size of the images selects it."""
+    sizes = {}
+    for name, own_size in RESOLUTIONS.items():
+        if f"LEFT_CAM_{name}" in sections and f"RIGHT_CAM_{name}" in sections:
+            sizes[name] = own_size
+    if not sizes:
         raise ValueError(f"expected LEFT_CAM and RIGHT_CAM sections of {', '.join(RESOLUTIONS)}, found none")
+    largest = next(iter(sizes))
+    if size is None and len(sizes) > 1:
+        choice = ", ".join(map(size_text, sizes.values()))
+        return largest, f" (the largest of {choice}; another image size selects another)"
     if size is None:
-        held = ", ".join(size_text(RESOLUTIONS[n]) for n in names)
-        return names[0], "" if len(names) == 1 else f" (the largest of {held}; another image size selects another)"
-    same = [n for n in names if RESOLUTIONS[n] == size]
-    shaped = [n for n in names if RESOLUTIONS[n][0] * size[1] == RESOLUTIONS[n][1] * size[0]]
-    return (same or shaped or names)[0], ""
+        return largest, ""
+    same = [name for name in sizes if sizes[name] == size]
+    shaped = [name for name, (width, height) in sizes.items() if width * size[1] == height * size[0]]
+    return (same or shaped or [largest])[0], ""
 
 
-def _zed_camera(sections: Mapping[str, Mapping[str, str]], name: str, size: Size) -> Camera:
+def _zed_camera(sections: Mapping[str, Mapping[str, str]], side: str, resolution: str) -> Camera:
+    name = f"{side}_CAM_{resolution}"
+    size = RESOLUTIONS[resolution]
     # Newer files keep the lens, which is the same at every resolution, in a section of its own.
-    values = {**sections.get(f"{name.split('_')[0]}_DISTO", {}), **sections[name]}
-    matrix = np.array([base.number(base.entry(values, key), f"{key} of {name}") for key in ("fx", "fy", "cx", "cy")])
+    values = {**sections.get(f"{side}_DISTO", {}), **sections[name]}
+    matrix = np.array([base.number_at(values, key) for key in ("fx", "fy", "cx", "cy")])
     coefficients = np.array([base.number(values.get(key, 0.0), f"{key} of {name}") for key in _COEFFICIENTS])
-    if "k4" in values and not {"p1", "p2", "k5", "k6"} & set(values):  # k1 to k4 alone: Stereolabs' fisheye lens
+    # k1 to k4 alone: Stereolabs' fisheye lens.
+    if "k4" in values and not {"p1", "p2", "k5", "k6"} & set(values):
         return base.camera(size, matrix, coefficients[[0, 1, 4, 5]], "fisheye", name)
-    return base.camera(size, matrix, coefficients if np.any(coefficients[5:]) else coefficients[:5], None, name)
+    if not np.any(coefficients[5:]):
+        coefficients = coefficients[:5]
+    return base.camera(size, matrix, coefficients, None, name)
 
 
 def _pose(stereo: Mapping[str, str], resolution: str, unit_m: float) -> SE3:
     """Rotation vector (RX, CV, RZ) and shift (-Baseline, TY, TZ) from left to right."""
 
     def value(*keys: str) -> float:
-        names = (full for key in keys for full in (f"{key}_{resolution}", key) if full in stereo)
-        name = next(names, "")
-        return base.number(stereo[name], name) if name else 0.0
+        for key in keys:
+            for name in (f"{key}_{resolution}", key):
+                if name in stereo:
+                    return base.number(stereo[name], name)
+        return 0.0
 
     baseline = base.number_at(stereo, "Baseline", "BaseLine")
     translation = np.array([-baseline, value("TY"), value("TZ")]) * unit_m
@@ -171,68 +201,99 @@ _SECTIONS = base.lines_with(
 ZED = Format("zed", "ZED factory conf", (_SECTIONS,), base.whole_with(_SECTIONS), _zed_read)
 
 
-_KITTI_PAIRS = (("02", "03"), ("00", "01"))
-_DRIVES = [base.lines_with(**{f"{k}_{n}": rf"^{k}_{n}:" for n in pair for k in "KT"}) for pair in _KITTI_PAIRS]
-_ROW = r":([ \t]+[-+.\deE]+){12}\s*$"
-_SEQUENCES = [base.lines_with(**{f"P{n}": rf"^P{n}{_ROW}" for n in pair}) for pair in ("23", "01")]
+def _kitti_drive(left: str, right: str) -> base.Keys:
+    """Keys of a drive's calib_cam_to_cam.txt."""
+    names = (f"K_{left}", f"T_{left}", f"K_{right}", f"T_{right}")
+    return base.lines_with(**{name: rf"^{name}:" for name in names})
+
+
+def _kitti_sequence(left: str, right: str) -> base.Keys:
+    """Keys of an odometry sequence's calib.txt: lines of twelve numbers."""
+    row = r":([ \t]+[-+.\deE]+){12}\s*$"
+    return base.lines_with(**{name: rf"^{name}{row}" for name in (f"P{left}", f"P{right}")})
+
+
+_COLOUR_PAIR = ("02", "03")
+_GREY_PAIR = ("00", "01")
+_SEQUENCES = (_kitti_sequence("2", "3"), _kitti_sequence("0", "1"))
 
 
 def _kitti_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     source = sources[0]
-    data = dict(line.split(":", 1) for line in source.text.splitlines() if ":" in line)
-    if base.whole_with(*_SEQUENCES)(source) and not any(name.startswith("K_") for name in data):
-        return _of_sequence(source, data, choice)
-
-    def size(key: str) -> Size:
-        return base.size_of(base.entry(data, key), key)
-
-    found = (pair for pair in _KITTI_PAIRS if all(f"K_{name}" in data for name in pair))  # colour, else grey
-    left, right = choice.cameras or next(found, ("", ""))
-    if not left:
-        raise ValueError("expected cameras 02 and 03, or 00 and 01, found neither")
+    data = {}
+    for line in source.text.splitlines():
+        key, colon, values = line.partition(":")
+        if colon:
+            data[key] = values
+    is_drive = any(key.startswith("K_") for key in data)
+    if base.whole_with(*_SEQUENCES)(source) and not is_drive:
+        return _sequence_rig(source, data, choice)
+    left, right = choice.cameras or _kitti_pair(data)
     rectified = choice.rectified
     if rectified is None and choice.size is not None and f"S_rect_{left}" in data:
-        rectified = size(f"S_rect_{left}") == choice.size != size(f"S_{left}")
-
-    def reading(name: str) -> tuple[Camera, SE3]:
-        if rectified:
-            p = f"P_rect_{name}"
-            return base.projected(size(f"S_rect_{name}"), base.entry(data, p), p, choice.unit())
-        k, d = (base.numbers_at(data, n, f"{key}_{name}") for key, n in (("K", 9), ("D", 5)))
-        rotation, shift = (base.numbers_at(data, n, f"{key}_{name}") for key, n in (("R", 9), ("T", 3)))
-        pose = base.transform(rotation, shift * choice.unit(), f"R_{name}")
-        return base.camera(size(f"S_{name}"), k, d, "brown", f"camera {name}"), pose
-
-    kind = "rectified images" if rectified else "unrectified images"
-    return base.joined(reading(left), reading(right), f"{source.path.name} [cameras {left} {right}, {kind}]")
+        rectified = _size_at(data, f"S_rect_{left}") == choice.size != _size_at(data, f"S_{left}")
+    if rectified:
+        one = _rectified_camera(data, left, choice)
+        other = _rectified_camera(data, right, choice)
+        return base.join_cameras(one, other, f"{source.path.name} [cameras {left} {right}, rectified images]")
+    one = _raw_camera(data, left, choice)
+    other = _raw_camera(data, right, choice)
+    return base.join_cameras(one, other, f"{source.path.name} [cameras {left} {right}, unrectified images]")
 
 
-def _of_sequence(source: Source, data: Mapping[str, str], choice: Choice) -> StereoRig:
+def _kitti_pair(data: Mapping[str, str]) -> tuple[str, str]:
+    """Names of the colour cameras, else of the grey ones."""
+    for left, right in (_COLOUR_PAIR, _GREY_PAIR):
+        if f"K_{left}" in data and f"K_{right}" in data:
+            return left, right
+    raise ValueError("expected cameras 02 and 03, or 00 and 01, found neither")
+
+
+def _size_at(data: Mapping[str, str], key: str) -> Size:
+    return base.size_of(base.entry(data, key), key)
+
+
+def _rectified_camera(data: Mapping[str, str], name: str, choice: Choice) -> tuple[Camera, SE3]:
+    key = f"P_rect_{name}"
+    return base.projected(_size_at(data, f"S_rect_{name}"), base.entry(data, key), key, choice.unit())
+
+
+def _raw_camera(data: Mapping[str, str], name: str, choice: Choice) -> tuple[Camera, SE3]:
+    matrix = base.numbers_at(data, 9, f"K_{name}")
+    distortion = base.numbers_at(data, 5, f"D_{name}")
+    rotation = base.numbers_at(data, 9, f"R_{name}")
+    translation = base.numbers_at(data, 3, f"T_{name}") * choice.unit()
+    camera = base.camera(_size_at(data, f"S_{name}"), matrix, distortion, "brown", f"camera {name}")
+    return camera, base.transform(rotation, translation, f"R_{name}")
+
+
+def _sequence_rig(source: Source, data: Mapping[str, str], choice: Choice) -> StereoRig:
     """The rectified cameras of an odometry sequence, whose image size the file does not give."""
     if choice.size is None:
         raise ValueError("expected the size of the images, which the calib.txt of a KITTI sequence does not hold")
     left, right = choice.cameras or (("2", "3") if "P3" in data else ("0", "1"))
-    one, other = (
-        base.projected(choice.size, base.entry(data, f"P{name}"), f"P{name}", choice.unit()) for name in (left, right)
-    )
-    return base.joined(one, other, f"{source.path.name} [cameras {left} {right}, rectified images]")
+    one = base.projected(choice.size, base.entry(data, f"P{left}"), f"P{left}", choice.unit())
+    other = base.projected(choice.size, base.entry(data, f"P{right}"), f"P{right}", choice.unit())
+    return base.join_cameras(one, other, f"{source.path.name} [cameras {left} {right}, rectified images]")
 
 
-_KITTI_SETS = (*_DRIVES, *_SEQUENCES)
+_KITTI_SETS = (_kitti_drive(*_COLOUR_PAIR), _kitti_drive(*_GREY_PAIR), *_SEQUENCES)
 KITTI = Format("kitti", "KITTI calib_cam_to_cam", _KITTI_SETS, base.whole_with(*_KITTI_SETS), _kitti_read)
 
 
 def _middlebury_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
-    lines = (line.split("=", 1) for line in sources[0].text.splitlines() if "=" in line)
-    data = {key.strip(): value.strip() for key, value in lines}
+    data = {}
+    for line in sources[0].text.splitlines():
+        key, equals, value = line.partition("=")
+        if equals:
+            data[key.strip()] = value.strip(" []")
     size = base.whole_at(data, "width"), base.whole_at(data, "height")
-    left, right = (
-        base.camera(size, base.numbers(base.entry(data, name).strip("[] "), name, 9), np.empty(0), "brown", name)
-        for name in ("cam0", "cam1")
-    )
-    offset = base.number(data.get("doffs", right.cx - left.cx), "doffs")
-    if abs(offset - (apart := right.cx - left.cx)) > 0.5:
-        raise ValueError(f"expected doffs to be the principal points' distance {apart:g}, found {offset:g}")
+    left = base.camera(size, base.numbers_at(data, 9, "cam0"), np.empty(0), "brown", "cam0")
+    right = base.camera(size, base.numbers_at(data, 9, "cam1"), np.empty(0), "brown", "cam1")
+    expected = right.cx - left.cx
+    offset = base.number(data.get("doffs", expected), "doffs")
+    if abs(offset - expected) > 0.5:
+        raise ValueError(f"expected doffs to be the principal points' distance {expected:g}, found {offset:g}")
     baseline = base.number_at(data, "baseline") * choice.unit(UNITS_M["mm"])
     return StereoRig(left, right, SE3(np.eye(3), np.array([-baseline, 0.0, 0.0])), sources[0].path.name)
 

@@ -9,36 +9,37 @@ from typing import Any
 
 import numpy as np
 
+from calib.camera import LensModel
 from calib.formats import base
 from calib.formats.base import Choice, Format, Size, Source
+from calib.io import size_text
 from calib.rig import StereoRig
 from calib.types import F64
 
-_K1, _K2 = (
-    (f"M{n}", f"K{n}", f"cameraMatrix{n}", f"camera_matrix{n}", f"CM{n}", f"mtx{n}",
-     f"mtx{side}", f"cameraMatrix{side}", f"K_{side.lower()}", f"K_{word}")
-    for n, side, word in ((1, "L", "left"), (2, "R", "right"))
-)  # fmt: skip
-_D1, _D2 = (
-    (f"D{n}", f"d{n}", f"distCoeffs{n}", f"dist_coeffs{n}", f"dist{n}",
-     f"dist{side}", f"distCoeffs{side}", f"D_{side.lower()}", f"D_{word}")
-    for n, side, word in ((1, "L", "left"), (2, "R", "right"))
-)  # fmt: skip
-_R = ("R", "Rot", "rot", "rotation")
-_T = ("T", "t", "Trans", "trans", "translation")
-"""Names that OpenCV's samples, calibrators and tutorials give them."""
-_T_UNITS_M = {"T_m": 1.0, "T_cm": 0.01, "T_mm": 0.001}
-_P1 = ("P1", "P1_rect")
-_P2 = ("P2", "P2_rect")
+_K1 = ("M1", "K1", "cameraMatrix1", "mtxL", "K_left")
+_K2 = ("M2", "K2", "cameraMatrix2", "mtxR", "K_right")
+_D1 = ("D1", "distCoeffs1", "distL", "D_left")
+_D2 = ("D2", "distCoeffs2", "distR", "D_right")
+_R = ("R", "rot")
+_T = ("T", "T_m", "trans")
+"""Names that OpenCV's samples and the usual calibrators and tutorials write."""
+_P1 = ("P1",)
+_P2 = ("P2",)
+_LENS_COUNTS = (0, 4, 5, 8, 12, 14)
+"""Numbers of coefficients that OpenCV's lens models have."""
 
 
 def _keys(*each: tuple[str, ...]) -> base.Keys:
-    """Keys of YAML, JSON and XML, each by any of its names; messages use the first. Bare numbers follow KITTI's."""
-    patterns = {names[0]: f"({'|'.join(names)})" for names in each}
-    return base.lines_with(**{k: rf'<{one}[ >]|^\s*{one}\s*:(?! *[-\d])|"{one}"\s*:' for k, one in patterns.items()})
+    """Keys of YAML, JSON and XML, each by any of its names; messages use the first."""
+    patterns = {}
+    for names in each:
+        key = f"({'|'.join(names)})"
+        # A bare number after the colon is a line of KITTI's.
+        patterns[names[0]] = rf'<{key}[ >]|^\s*{key}\s*:(?! *[-\d])|"{key}"\s*:'
+    return base.lines_with(**patterns)
 
 
-_CAMERAS = _keys(_K1, _D1, _K2, _D2, _R, (*_T, *_T_UNITS_M))
+_CAMERAS = _keys(_K1, _D1, _K2, _D2, _R, _T)
 _RECTIFIED = _keys(_P1, _P2)
 
 COMMON_SIZES: tuple[Size, ...] = (
@@ -50,9 +51,11 @@ COMMON_SIZES: tuple[Size, ...] = (
 
 
 def _part(source: Source) -> str | None:
-    matrix, translation = (dict(_CAMERAS)[name].search(source.text) is not None for name in ("M1", "T"))
-    if "opencv-matrix" in source.text and matrix != translation:
-        return "left" if matrix else "right"
+    keys = dict(_CAMERAS)
+    has_matrix = keys["M1"].search(source.text) is not None
+    has_pose = keys["T"].search(source.text) is not None
+    if "opencv-matrix" in source.text and has_matrix != has_pose:
+        return "left" if has_matrix else "right"
     return base.whole_with(_CAMERAS, _RECTIFIED)(source)
 
 
@@ -60,37 +63,45 @@ def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     data: dict[str, Any] = {}
     for source in sources:
         data.update(parse_storage(source.text))
-    alone = not any(key in data for key in _K1)
-    matrices = [base.numbers_at(data, 12 if alone else 9, *names) for names in ((_P1, _P2) if alone else (_K1, _K2))]
-    size, remark = _size(data, choice, [tuple(k.reshape(3, -1)[:2, 2].tolist()) for k in matrices])
-    name = "+".join(source.path.name for source in sources) + remark
-    if alone or (choice.rectified and any(key in data for key in _P1)):
-        # The cameras of images that P1 and P2 rectified: P = K [I | t].
-        one, other = (base.projected(size, base.entry(data, *p), p[0], choice.unit()) for p in (_P1, _P2))
-        return base.joined(one, other, f"{name} [rectified images]")
-    # For what the file names OpenCV itself has no key; a polynomial's terms follow from their number.
+    name = "+".join(source.path.name for source in sources)
+    only_rectified = not any(key in data for key in _K1)
+    rectified = only_rectified or (choice.rectified and "P1" in data)
+    return _rectified_rig(data, choice, name) if rectified else _camera_rig(data, choice, name)
+
+
+def _rectified_rig(data: Mapping[str, Any], choice: Choice, name: str) -> StereoRig:
+    """The cameras of images that P1 and P2 rectified: P = K [I | t]."""
+    size, remark = _size(data, choice, base.numbers_at(data, 12, *_P1), base.numbers_at(data, 12, *_P2))
+    left = base.projected(size, data["P1"], "P1", choice.unit())
+    right = base.projected(size, data["P2"], "P2", choice.unit())
+    return base.join_cameras(left, right, f"{name}{remark} [rectified images]")
+
+
+def _camera_rig(data: Mapping[str, Any], choice: Choice, name: str) -> StereoRig:
+    left_matrix = base.numbers_at(data, 9, *_K1)
+    right_matrix = base.numbers_at(data, 9, *_K2)
+    size, remark = _size(data, choice, left_matrix, right_matrix)
+    left_lens = base.numbers_at(data, _LENS_COUNTS, *_D1)
+    right_lens = base.numbers_at(data, _LENS_COUNTS, *_D2)
+    # OpenCV itself has no key for the lens model; a polynomial's terms follow from their number.
     named = str(data.get("distortion_model", "")).strip().lower()
-    fisheye = named in {"fisheye", "equidistant", "kannala_brandt"} or str(data.get("fisheye", 0)).strip() == "1"
-    lenses = [base.numbers_at(data, (0, 4, 5, 8, 12, 14), *names) for names in (_D1, _D2)]
-    columns = False
-    if not (named or fisheye):
-        columns = any(_is_column(base.entry(data, *names)) for names in (_D1, _D2))
-    if columns and lenses[0].any():
+    is_fisheye = named in {"fisheye", "equidistant"}
+    in_columns = _is_column(base.entry(data, *_D1)) or _is_column(base.entry(data, *_D2))
+    if not named and in_columns and left_lens.any():
         raise ValueError(
             "expected a lens model for a column of 4 coefficients, found none: add distortion_model: fisheye "
             "(k1 k2 k3 k4 of cv2.fisheye) or distortion_model: plumb_bob (k1 k2 p1 p2)"
         )
-    left, right = (
-        base.camera(size, k, lens, "fisheye" if fisheye else None, names[0])
-        for k, lens, names in zip(matrices, lenses, (_K1, _K2), strict=True)
-    )
-    key = next((key for key in _T_UNITS_M if key in data), "T")
-    translation = base.numbers_at(data, 3, key, *_T) * choice.unit(_T_UNITS_M.get(key, 1.0))
-    return StereoRig(left, right, base.transform(base.numbers_at(data, 9, *_R), translation, "R"), name)
+    model: LensModel | None = "fisheye" if is_fisheye else None
+    left = base.camera(size, left_matrix, left_lens, model, "M1")
+    right = base.camera(size, right_matrix, right_lens, model, "M2")
+    translation = base.numbers_at(data, 3, *_T) * choice.unit()
+    pose = base.transform(base.numbers_at(data, 9, *_R), translation, "R")
+    return StereoRig(left, right, pose, name + remark)
 
 
 def _is_column(value: Any) -> bool:
-    """Whether 4 coefficients stand in a column, as cv2.fisheye and old versions of OpenCV's polynomial give them."""
+    """True if 4 coefficients stand in a column, as cv2.fisheye and old versions of OpenCV's polynomial give them."""
     if isinstance(value, Mapping):
         return (value.get("rows"), value.get("cols")) == (4, 1)
     return isinstance(value, list) and len(value) == 4 and all(isinstance(row, list) for row in value)
@@ -105,43 +116,47 @@ def parse_storage(text: str) -> Mapping[str, Any]:
     data: dict[str, Any] = {}
     for node in base.parse_xml(text):
         inner = node.find("data")
-        value = (node.text if inner is None else inner.text) or ""
-        shape = {key: int(base.number(node.findtext(key, "0"), key)) for key in ("rows", "cols")}
-        data[str(node.tag)] = value if inner is None else {**shape, "data": value}
+        if inner is None:
+            data[str(node.tag)] = node.text or ""
+            continue
+        rows = int(base.number(node.findtext("rows", "0"), "rows"))
+        cols = int(base.number(node.findtext("cols", "0"), "cols"))
+        data[str(node.tag)] = {"rows": rows, "cols": cols, "data": inner.text or ""}
     return data
 
 
-def _size(data: Mapping[str, Any], choice: Choice, centres: Sequence[tuple[float, float]]) -> tuple[Size, str]:
-    for key in ("imageSize", "image_size", "size", "Size"):
+def _size(data: Mapping[str, Any], choice: Choice, left: F64, right: F64) -> tuple[Size, str]:
+    """Image size of a file, and a remark where it had to be guessed from the flat matrices K or P of both cameras."""
+    for key in ("imageSize", "image_size"):
         if key in data:
             return base.size_of(data[key], key), ""
     if "image_width" in data and "image_height" in data:
-        return (base.whole(data["image_width"], "image_width"), base.whole(data["image_height"], "image_height")), ""
+        return (base.whole_at(data, "image_width"), base.whole_at(data, "image_height")), ""
     if choice.size is not None:
         return choice.size, ""
     # The usual sensor size whose middle is nearest to the principal points.
-    cx, cy = np.mean(np.asarray(centres, dtype=np.float64), axis=0)
-    away = [max(abs(cx / w - 0.5), abs(cy / h - 0.5)) for w, h in COMMON_SIZES]
-    best = int(np.argmin(away))
+    cx, cy = 0.5 * (left.reshape(3, -1)[:2, 2] + right.reshape(3, -1)[:2, 2])
+    distances = [max(abs(cx / width - 0.5), abs(cy / height - 0.5)) for width, height in COMMON_SIZES]
+    best = int(np.argmin(distances))
     # Share of the image that a principal point may lie off centre when the size is taken from it.
-    if away[best] > 0.08:
+    if distances[best] > 0.08:
         raise ValueError(
             f"expected an image size, found none, and the principal point ({cx:.0f}, {cy:.0f}) fits no usual size"
         )
     size = COMMON_SIZES[best]
-    return size, f" (image size {size[0]}x{size[1]} taken from the principal points: the file has none)"
+    return size, f" (image size {size_text(size)} taken from the principal points: the file has none)"
 
 
 def _texts(rig: StereoRig, path: Path) -> dict[Path, str]:
     """One file with everything, or intrinsics.yml and extrinsics.yml when the path is a folder (no suffix)."""
-    if (rig.left.model == "fisheye") != (rig.right.model == "fisheye"):
+    is_fisheye = rig.left.model == "fisheye"
+    if is_fisheye != (rig.right.model == "fisheye"):
         raise ValueError("the OpenCV format holds one lens model for both cameras, and only one of these is a fisheye")
-    model = "fisheye" if rig.left.model == "fisheye" else "opencv"
-    head = f"image_width: {rig.left.width}\nimage_height: {rig.left.height}\ndistortion_model: {model}\n"
-    intrinsics = head + "".join(
-        (_block(f"M{number}", one.matrix) + _block(f"D{number}", one.coefficients.reshape(1, -1)))
-        for number, one in ((1, rig.left), (2, rig.right))
-    )
+    model = "fisheye" if is_fisheye else "opencv"
+    intrinsics = f"image_width: {rig.left.width}\nimage_height: {rig.left.height}\ndistortion_model: {model}\n"
+    for number, camera in ((1, rig.left), (2, rig.right)):
+        intrinsics += _block(f"M{number}", camera.matrix)
+        intrinsics += _block(f"D{number}", camera.coefficients.reshape(1, -1))
     pose = rig.right_SE3_left
     header = "%YAML:1.0\n---\n"
     extrinsics = _block("R", pose.rotation) + _block("T", pose.translation.reshape(3, 1))

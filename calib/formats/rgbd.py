@@ -9,7 +9,7 @@ rotations of RealSense's ``rs2_extrinsics`` are stored by columns.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,15 +29,15 @@ PARSERS: dict[str, Callable[[str], Any]] = {
     ".json": base.parse_json, ".toml": parse_toml, ".yaml": base.parse_yaml, ".yml": base.parse_yaml,
 }  # fmt: skip
 _OTHER_FILES = ("world.toml", "rules.toml", "camera.toml", "config.toml")
-_COLOUR = ("rgb", "color", "colour", "color_camera", "rgb_camera", "camera", "image", "left")
-_DEPTH = ("depth", "depth_camera", "ir")
-_TO_COLOUR = re.compile(r"(depth|ir)_?(to|2)_?(rgb|colou?r|camera)|(rgb|colou?r|camera)_se3_depth")
-_TO_DEPTH = re.compile(r"(rgb|colou?r|camera)_?(to|2)_?(depth|ir)|depth_se3_(rgb|colou?r|camera)")
-_SCALE = ("depth_scale", "depth_factor", "depthmapfactor", "units_per_m", "depth_units", "png_depth_scale", "scale")
-_ROTATION = ("r", "rotation", "rot")
-_TRANSLATION = ("t", "translation", "t_m", "translation_m", "t_mm")
-_DISTORTION = ("distortion", "distortion_coefficients", "coeffs", "d", "dist", "distcoeffs")
-_MATRIX = ("intrinsic_matrix", "camera_matrix", "k", "matrix", "intrinsics", "intrinsic")
+_COLOUR = ("rgb", "color", "colour", "camera", "image", "left")
+_TO_COLOUR = ("depth_to_rgb", "depth_to_color")
+_TO_DEPTH = ("rgb_to_depth", "color_to_depth")
+_SCALE = ("depth_scale", "depth_factor", "depthmapfactor")
+_ROTATION = ("r", "rotation")
+_TRANSLATION = ("t", "translation", "t_m")
+_DISTORTION = ("distortion", "distortion_coefficients", "coeffs", "d")
+_MATRIX = ("intrinsic_matrix", "camera_matrix", "k")
+"""Keys in lower case, as Open3D, ORB-SLAM, ROS and RealSense's tools write them."""
 _TECHNOLOGIES: dict[DepthTechnology, str] = {
     "time-of-flight": r"time.?of.?flight|\btof\b|azure|k4a|kinect.?(v2|2|one|azure)|femto|l515|[nw]fov",
     "structured-light": r"structured|kinect|xtion|primesense|astra|sr300|carmine",
@@ -48,24 +48,24 @@ _TECHNOLOGIES: dict[DepthTechnology, str] = {
 def load_rgbd(path: Path, size: Size, depth_size: Size) -> RgbdRig:
     """Read the calibration of images with depth at a file or in a folder, scaled to their sizes [px] where the aspect
     fits. Raises InputError: none there, unreadable, or for images of another aspect."""
-    found = find_rgbd(path)
-    if found is None:
+    calibration = find_rgbd(path)
+    if calibration is None:
         closed = closed_text([path] if path.is_file() else entries(path))
-        holding = "a calibration of the images (JSON, TOML or YAML with fx, fy, cx, cy)"
-        raise InputError(f"{path}: expected {holding}, found {closed or 'none'}")
-    file, data = found
+        expected = "a calibration of the images (JSON, TOML or YAML with fx, fy, cx, cy)"
+        raise InputError(f"{path}: expected {expected}, found {closed or 'none'}")
+    file, data = calibration
     try:
-        return fitted_rgbd(replace(_rig(data, size, depth_size), source=str(file)), size, depth_size)
+        return fit_rgbd(replace(_rig(data, size, depth_size), source=str(file)), size, depth_size)
     except (ValueError, TypeError, LookupError, OverflowError) as error:
         raise InputError(f"{file}: expected a calibration of images with depth, but {error}") from error
 
 
-def fitted_rgbd(rig: RgbdRig, size: Size, depth_size: Size) -> RgbdRig:
+def fit_rgbd(rig: RgbdRig, size: Size, depth_size: Size) -> RgbdRig:
     """The rig for images and depth of these sizes [px], which must have its aspects. Raises InputError: others."""
-    depth = rig.depth_camera
-    for own, images in ((rig.camera.size, size), (depth.size if depth else depth_size, depth_size)):
-        refuse_other_aspect(rig.source, own, images)
-    if rig.camera.size == size and (depth is None or depth.size == depth_size):
+    rig_depth_size = rig.depth_camera.size if rig.depth_camera else depth_size
+    refuse_other_aspect(rig.source, rig.camera.size, size)
+    refuse_other_aspect(rig.source, rig_depth_size, depth_size)
+    if rig.camera.size == size and rig_depth_size == depth_size:
         return rig
     note = f"{rig.source} (scaled from {size_text(rig.camera.size)} to {size_text(size)})"
     return replace(rig.scaled(size, depth_size), source=note)
@@ -77,9 +77,9 @@ def find_rgbd(path: Path) -> tuple[Path, Mapping[str, Any]] | None:
     for file in files:
         if file.name.lower() in _OTHER_FILES or not file.is_file():
             continue
+        parse: Callable[[str], Any] = PARSERS.get(file.suffix.lower(), base.parse_yaml)
         try:
-            parse: Callable[[str], Any] = PARSERS.get(file.suffix.lower(), base.parse_yaml)
-            data = _lower(parse(base.read_source(file).text))
+            data = _lower_keys(parse(base.read_source(file).text))
         except (InputError, ValueError, RecursionError):
             continue
         if _tables(data):
@@ -87,106 +87,124 @@ def find_rgbd(path: Path) -> tuple[Path, Mapping[str, Any]] | None:
     return None
 
 
-def _lower(data: Any) -> Any:
-    """Keys in lower case without a tool's prefix (ORB-SLAM writes ``Camera.fx``)."""
+def _lower_keys(data: Any) -> Any:
+    """Tables with keys in lower case, without a tool's prefix (ORB-SLAM writes ``Camera.fx``)."""
     if not isinstance(data, Mapping):
         return data
-    return {str(key).lower().removeprefix("camera."): _lower(value) for key, value in data.items()}
+    return {str(key).lower().removeprefix("camera."): _lower_keys(value) for key, value in data.items()}
 
 
 def _tables(data: Any) -> dict[str, Mapping[str, Any]]:
     """The tables that hold a camera: "colour", and "depth" where there is one."""
     if not isinstance(data, Mapping):
         return {}
-    found = {}
-    for role, names in (("colour", _COLOUR), ("depth", _DEPTH)):
-        table = next((data[name] for name in names if _is_camera(data.get(name))), None)
-        if table is not None:
-            found[role] = table
-    if "colour" not in found and _is_camera(data):
-        found["colour"] = data
-    return found if "colour" in found else {}
+    tables = {}
+    for name in reversed(_COLOUR):
+        if _is_camera(data.get(name)):
+            tables["colour"] = data[name]
+    if not tables and _is_camera(data):
+        tables["colour"] = data
+    if tables and _is_camera(data.get("depth")):
+        tables["depth"] = data["depth"]
+    return tables
 
 
 def _is_camera(table: Any) -> bool:
-    return isinstance(table, Mapping) and ({"fx", "fy"} <= table.keys() or any(name in table for name in _MATRIX))
+    if not isinstance(table, Mapping):
+        return False
+    return {"fx", "fy"} <= table.keys() or not table.keys().isdisjoint(_MATRIX)
+
+
+def _first(table: Mapping[str, Any], names: Iterable[str]) -> Any:
+    """Value of the first of the names that is present; None without one."""
+    return next((table[name] for name in names if name in table), None)
 
 
 def _rig(data: Mapping[str, Any], size: Size, depth_size: Size) -> RgbdRig:
     tables = _tables(data)
     if tables["colour"] is data.get("left") and _is_camera(data.get("right")):
         raise ValueError("it is that of a stereo pair: name the camera of the images alone")
-    colour = _camera(tables["colour"], data.get("distortion"), _COLOUR, size, "image")
-    rig = RgbdRig(colour, units_per_m=_units(data, tables.get("depth", {})), technology=_technology(data))
+    lenses = data.get("distortion")
+    if not isinstance(lenses, Mapping):
+        lenses = {}
+    colour = _camera(tables["colour"], _first(lenses, _COLOUR), size, "image")
+    rig = RgbdRig(colour, units_per_m=_units_per_m(data, tables.get("depth", {})), technology=_technology(data))
     if "depth" not in tables:
         return rig
     pose = _pose(data, "ppx" in tables["colour"])
-    depth = _camera(tables["depth"], data.get("distortion"), _DEPTH, depth_size, "depth")
+    depth = _camera(tables["depth"], lenses.get("depth"), depth_size, "depth")
     if pose is None and depth == colour:
         return rig
     return replace(rig, depth_camera=depth, camera_SE3_depth=pose or IDENTITY)
 
 
-def _camera(table: Mapping[str, Any], listed: Any, names: tuple[str, ...], size: Size, name: str) -> Camera:
-    """The camera of a table; its distortion may be ``listed`` next to the cameras under one of their names."""
-    held = [table[key] for key in _DISTORTION if key in table]
-    held += [listed[key] for key in names if key in listed] if isinstance(listed, Mapping) else []
-    own: Any = next((value for value in held if value is not None and value != []), [])
-    coefficients = base.numbers(own, f"{name} distortion", (4, 5, 8, 12, 14)) if own != [] else np.empty(0)
-    if not coefficients.size and "k1" in table:
-        keys = [key for key in ("k1", "k2", "p1", "p2", "k3") if key in table]
-        coefficients = np.array([base.number(table[key], key) for key in keys])
-    width, height = (table.get(key, table.get(f"image_{key}")) for key in ("width", "height"))
+def _camera(table: Mapping[str, Any], lens: Any, size: Size, name: str) -> Camera:
+    """The camera of a table; ``lens`` are coefficients that stand next to the cameras, for a table without its own."""
+    own_lens = _first(table, _DISTORTION)
+    coefficients = np.empty(0)
+    if own_lens or lens:
+        coefficients = base.numbers(own_lens or lens, f"{name} distortion", (4, 5, 8, 12, 14))
+    elif "k1" in table:
+        terms = [base.number(table[key], key) for key in ("k1", "k2", "p1", "p2", "k3") if key in table]
+        coefficients = np.array(terms)
+    width = _first(table, ("width", "image_width"))
+    height = _first(table, ("height", "image_height"))
     if width is not None and height is not None:
         size = base.whole(width, "width"), base.whole(height, "height")
     lens_name = str(table.get("distortion_model", table.get("model", ""))).lower()
-    model: LensModel | None = "fisheye" if "fisheye" in lens_name or "equidistant" in lens_name else None
-    result = base.camera(size, _matrix(table), coefficients, model, name)
-    refuse_strange_camera(result, name)
-    return result
+    is_fisheye = "fisheye" in lens_name or "equidistant" in lens_name
+    model: LensModel | None = "fisheye" if is_fisheye else None
+    camera = base.camera(size, _matrix(table), coefficients, model, name)
+    refuse_strange_camera(camera, name)
+    return camera
 
 
 def _matrix(table: Mapping[str, Any]) -> F64:
+    """(4,) fx, fy, cx, cy, or a flat camera matrix."""
     if "fx" in table:
-        cx, cy = (table.get(a, table.get(b)) for a, b in (("cx", "ppx"), ("cy", "ppy")))
-        values = {"fx": table["fx"], "fy": table["fy"], "cx": cx, "cy": cy}
-        return np.array([base.number(value, name) for name, value in values.items()])
-    value = next(table[name] for name in _MATRIX if name in table)
-    matrix = base.numbers(value, "camera matrix", 9).reshape(3, 3)
-    return np.asarray((matrix.T if matrix[0, 2] == 0 and matrix[2, 0] != 0 else matrix).ravel(), dtype=np.float64)
+        centre = [base.number(_first(table, names), names[0]) for names in (("cx", "ppx"), ("cy", "ppy"))]
+        return np.array([base.number_at(table, "fx"), base.number_at(table, "fy"), *centre])
+    matrix = base.numbers(_first(table, _MATRIX), "camera matrix", 9).reshape(3, 3)
+    is_by_columns = matrix[0, 2] == 0 and matrix[2, 0] != 0
+    return np.asarray((matrix.T if is_by_columns else matrix).ravel(), dtype=np.float64)
 
 
-def _pose(data: Mapping[str, Any], by_columns: bool) -> SE3 | None:
+def _pose(data: Mapping[str, Any], is_by_columns: bool) -> SE3 | None:
     """camera_SE3_depth, when a key names it."""
-    for key, value in data.items():
-        if isinstance(value, Mapping) and (_TO_COLOUR.fullmatch(key) or _TO_DEPTH.fullmatch(key)):
-            rotation = next((value[name] for name in _ROTATION if name in value), None)
-            name = next((name for name in _TRANSLATION if name in value), None)
-            if rotation is None or name is None:
-                raise ValueError(f"expected R and T in {key}, found {', '.join(value) or 'nothing'}")
-            matrix = base.numbers(rotation, f"R of {key}", 9)
-            shift = base.numbers(value[name], f"T of {key}", 3)
-            # No camera is 2 m away from the sensor in its own housing: such numbers are millimetres.
-            unit = 1e-3 if name == "t_mm" or np.linalg.norm(shift) > 2.0 else 1.0
-            pose = base.transform(matrix.reshape(3, 3).T.ravel() if by_columns else matrix, shift * unit, key)
-            return pose.inverse() if _TO_DEPTH.fullmatch(key) else pose
-    return None
+    key = next((key for key in (*_TO_COLOUR, *_TO_DEPTH) if isinstance(data.get(key), Mapping)), None)
+    if key is None:
+        return None
+    rotation = _first(data[key], _ROTATION)
+    translation = _first(data[key], _TRANSLATION)
+    if rotation is None or translation is None:
+        raise ValueError(f"expected R and T in {key}, found {', '.join(data[key]) or 'nothing'}")
+    matrix = base.numbers(rotation, f"R of {key}", 9).reshape(3, 3)
+    if is_by_columns:
+        matrix = matrix.T
+    shift = base.numbers(translation, f"T of {key}", 3)
+    # No camera is 2 m away from the sensor in its own housing: such numbers are millimetres.
+    if np.linalg.norm(shift) > 2.0:
+        shift = shift * 1e-3
+    pose = base.transform(matrix.ravel(), shift, key)
+    return pose.inverse() if key in _TO_DEPTH else pose
 
 
-def _units(data: Mapping[str, Any], depth: Mapping[str, Any]) -> float | None:
+def _units_per_m(data: Mapping[str, Any], depth: Mapping[str, Any]) -> float | None:
     """Depth values per metre; a scale below 1 is metres per value."""
     for table in (data, depth):
         for name in _SCALE:
-            if name in table and not isinstance(table[name], Mapping):
-                value = base.number(table[name], name)
-                if value <= 0:
-                    raise ValueError(f"expected a positive {name}, found {value:g}")
-                return value if value >= 1.0 else 1.0 / value
+            if name not in table or isinstance(table[name], Mapping):
+                continue
+            scale = base.number_at(table, name)
+            if scale <= 0:
+                raise ValueError(f"expected a positive {name}, found {scale:g}")
+            return scale if scale >= 1.0 else 1.0 / scale
     return None
 
 
 def _technology(data: Mapping[str, Any]) -> DepthTechnology | None:
-    """How the device that a text of the file names measures depth."""
+    """How the device that a text of the file names measures depth; None without one."""
     names = ("sensor", "device", "camera_model", "model", "name", "depth_mode", "device_name")
-    text = " ".join(str(data[name]) for name in names if isinstance(data.get(name), str)).lower()
+    values = [data.get(name) for name in names]
+    text = " ".join(value for value in values if isinstance(value, str)).lower()
     return next((technology for technology, pattern in _TECHNOLOGIES.items() if re.search(pattern, text)), None)

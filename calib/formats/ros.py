@@ -32,18 +32,25 @@ _ROS_MODELS: dict[str, LensModel] = {
 }  # fmt: skip
 
 
+_ROS_COUNTS: dict[LensModel, tuple[int, ...]] = {
+    "brown": (0, 4, 5, 8, 12, 14), "rational": (8, 12, 14), "fisheye": (4,),
+}  # fmt: skip
+
+
 def _ros_part(source: Source) -> str | None:
     if not base.whole_with(_INFO)(source):
         return None
     name = _NAME.search(source.text)
-    named = (name[1] if name else "", source.path.stem, source.path.parent.name)
-    return next(filter(None, map(base.side_of, named)), None)
+    names = (name[1] if name else "", source.path.stem, source.path.parent.name)
+    return next(filter(None, map(base.side_of, names)), None)
 
 
 def _ros_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
-    readings = [camera_from(base.parse_yaml(source.text), source.path.name, choice.unit()) for source in sources]
-    left, right = ((one, rectified_SE3_camera.inverse()) for one, rectified_SE3_camera in readings)
-    return base.joined(left, right, "+".join(source.path.name for source in sources))
+    halves = []
+    for source in sources:
+        camera, rectified_SE3_camera = camera_from(base.parse_yaml(source.text), source.path.name, choice.unit())
+        halves.append((camera, rectified_SE3_camera.inverse()))
+    return base.join_cameras(halves[0], halves[1], "+".join(source.path.name for source in sources))
 
 
 def camera_from(data: Mapping[str, Any], name: str, unit_m: float = 1.0) -> tuple[Camera, SE3]:
@@ -53,16 +60,16 @@ def camera_from(data: Mapping[str, Any], name: str, unit_m: float = 1.0) -> tupl
     """
     size, k, projection = windowed(data)
     model = base.lens_of(data, _ROS_MODELS, name)
-    counts = {"brown": (0, 4, 5, 8, 12, 14), "rational": (8, 12, 14), "fisheye": (4,)}[model]
-    coefficients = base.numbers_at(data, counts, "distortion_coefficients", "D", "d")
+    coefficients = base.numbers_at(data, _ROS_COUNTS[model], "distortion_coefficients", "D", "d")
     if model == "brown" and len(coefficients) > 5:
         model = "rational"  # some drivers call every polynomial plumb_bob
-    one = base.camera(size, k.ravel(), coefficients, model, name)
+    camera = base.camera(size, k.ravel(), coefficients, model, name)
     rotation = base.numbers_at(data, 9, "rectification_matrix", "R", "r")
-    if abs(np.linalg.det(projection[:, :3])) < 1e-9:
+    rectified = projection[:, :3]
+    if abs(np.linalg.det(rectified)) < 1e-9:
         raise ValueError(f"expected a projection_matrix with focal lengths in {name}, found one that is singular")
-    shift = np.asarray(np.linalg.solve(projection[:, :3], projection[:, 3]) * unit_m, dtype=np.float64)
-    return one, base.transform(rotation, -shift, f"rectification_matrix of {name}")
+    shift = np.asarray(np.linalg.solve(rectified, projection[:, 3]) * unit_m, dtype=np.float64)
+    return camera, base.transform(rotation, -shift, f"rectification_matrix of {name}")
 
 
 def windowed(data: Mapping[str, Any]) -> tuple[Size, F64, F64]:
@@ -70,21 +77,25 @@ def windowed(data: Mapping[str, Any]) -> tuple[Size, F64, F64]:
 
     K and P are of the sensor (sensor_msgs/CameraInfo); width and height may be the sensor's or the region's.
     """
-    size = (base.whole_at(data, "image_width", "width"), base.whole_at(data, "image_height", "height"))
+    width = base.whole_at(data, "image_width", "width")
+    height = base.whole_at(data, "image_height", "height")
     k = base.numbers_at(data, 9, "camera_matrix", "K", "k").reshape(3, 3)
     projection = base.numbers_at(data, 12, "projection_matrix", "P", "p").reshape(3, 4)
     region = region_of(data)
     if region is not None:
-        x, y, *own = region
-        if (own[0], own[1]) != size and (x + own[0] > size[0] or y + own[1] > size[1]):
-            raise ValueError(f"expected a region of interest inside {size[0]}x{size[1]}, found {region}")
-        size = own[0], own[1]
+        x, y, region_width, region_height = region
+        is_outside = x + region_width > width or y + region_height > height
+        if is_outside and (region_width, region_height) != (width, height):
+            raise ValueError(f"expected a region of interest inside {width}x{height}, found {region}")
+        width = region_width
+        height = region_height
         shift = np.array([[1.0, 0.0, -x], [0.0, 1.0, -y], [0.0, 0.0, 1.0]])
         k = shift @ k
         projection = shift @ projection
-    bins = [max(base.number(data.get(key, 0), key), 1.0) for key in ("binning_x", "binning_y")]
-    shrink = np.diag([1.0 / bins[0], 1.0 / bins[1], 1.0])
-    return (int(size[0] // bins[0]), int(size[1] // bins[1])), shrink @ k, shrink @ projection
+    bin_x = max(base.number(data.get("binning_x", 0), "binning_x"), 1.0)
+    bin_y = max(base.number(data.get("binning_y", 0), "binning_y"), 1.0)
+    shrink = np.diag([1.0 / bin_x, 1.0 / bin_y, 1.0])
+    return (int(width // bin_x), int(height // bin_y)), shrink @ k, shrink @ projection
 
 
 def region_of(data: Mapping[str, Any]) -> tuple[int, int, int, int] | None:
@@ -92,31 +103,42 @@ def region_of(data: Mapping[str, Any]) -> tuple[int, int, int, int] | None:
     roi = base.table(data.get("roi") or {}, "roi")
     names = ("x_offset", "y_offset", "width", "height")
     x, y, width, height = (int(base.number(roi.get(key, 0), f"roi {key}")) for key in names)
-    full = tuple(base.whole(base.entry(data, f"image_{key}", key), key) for key in ("width", "height"))
-    if x == y == 0 and (width, height) in ((0, 0), full):
+    full_width = base.whole_at(data, "image_width", "width")
+    full_height = base.whole_at(data, "image_height", "height")
+    if x == y == 0 and (width, height) in ((0, 0), (full_width, full_height)):
         return None
-    return x, y, width or full[0] - x, height or full[1] - y
+    return x, y, width or full_width - x, height or full_height - y
 
 
 def _ros_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
     left_rotation, right_rotation = rig.rectifying_rotations()
     focal = (rig.left.fy + rig.right.fy) / 2
-    texts = {}
-    sides = ("left", rig.left, left_rotation, 0.0), ("right", rig.right, right_rotation, -rig.baseline_m)
-    for name, one, rotation, shift in sides:
-        k = np.array([[focal, 0.0, rig.left.cx], [0.0, focal, rig.left.cy], [0.0, 0.0, 1.0]])
-        projection = np.column_stack([k, [focal * shift, 0.0, 0.0]])
-        model, coefficients = base.held("ROS", one, {"brown": 5, "rational": 8, "fisheye": 4})
-        lens = {"brown": "plumb_bob", "rational": "rational_polynomial", "fisheye": "equidistant"}[model]
-        matrices = {
-            "camera_matrix": one.matrix, "distortion_coefficients": np.array([coefficients]),
-            "rectification_matrix": rotation, "projection_matrix": projection,
-        }  # fmt: skip
-        texts[path / f"{name}.yaml"] = base.yaml_text(
-            {"image_width": one.width, "image_height": one.height, "camera_name": name, "distortion_model": lens}
-            | {key: {"rows": len(m), "cols": m.shape[1], "data": m.ravel().tolist()} for key, m in matrices.items()}
-        )
-    return texts
+    left = np.array([[focal, 0.0, rig.left.cx, 0.0], [0.0, focal, rig.left.cy, 0.0], [0.0, 0.0, 1.0, 0.0]])
+    right = left.copy()
+    right[0, 3] = focal * -rig.baseline_m
+    return {
+        path / "left.yaml": _info_text("left", rig.left, left_rotation, left),
+        path / "right.yaml": _info_text("right", rig.right, right_rotation, right),
+    }
+
+
+def _info_text(name: str, camera: Camera, rotation: F64, projection: F64) -> str:
+    """A camera_info with (3, 3) rectification and (3, 4) projection."""
+    model, coefficients = base.exact_lens("ROS", camera, {"brown": 5, "rational": 8, "fisheye": 4})
+    lens_names = {"brown": "plumb_bob", "rational": "rational_polynomial", "fisheye": "equidistant"}
+    fields: dict[str, Any] = {"image_width": camera.width, "image_height": camera.height}
+    fields["camera_name"] = name
+    fields["distortion_model"] = lens_names[model]
+    matrices = {
+        "camera_matrix": camera.matrix,
+        "distortion_coefficients": np.array([coefficients]),
+        "rectification_matrix": rotation,
+        "projection_matrix": projection,
+    }
+    for key, matrix in matrices.items():
+        rows, cols = matrix.shape
+        fields[key] = {"rows": rows, "cols": cols, "data": matrix.ravel().tolist()}
+    return base.yaml_text(fields)
 
 
 ROS = Format("ros", "ROS camera_info pair", (_INFO,), _ros_part, _ros_read, _ros_texts, "")
@@ -130,9 +152,10 @@ _PINHOLE_LENSES: dict[str, LensModel] = {
 def _pinhole(values: Mapping[str, Any], name: str, key: str, counts: tuple[int, ...]) -> Camera:
     """A camera of Kalibr's or EuRoC's, whose ``key`` holds these numbers of coefficients."""
     model = base.lens_of(values, _PINHOLE_LENSES, name)
-    none = values["distortion_model"] == "none"
-    listed = values.get(key, []) if none else base.entry(values, key)
-    coefficients = base.numbers(listed, f"{key} of {name}", (0, 4) if none else counts)
+    if values["distortion_model"] == "none":
+        coefficients = base.numbers(values.get(key, []), f"{key} of {name}", (0, 4))
+    else:
+        coefficients = base.numbers(base.entry(values, key), f"{key} of {name}", counts)
     intrinsics = base.numbers(base.entry(values, "intrinsics"), f"intrinsics of {name}", 4)
     size = base.size_of(base.entry(values, "resolution"), "resolution")
     return base.camera(size, intrinsics, coefficients, model, name)
@@ -144,23 +167,23 @@ def _kalibr_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     left, right = choice.cameras or ("cam0", "cam1")
     for name in (left, right):
         values = base.table(base.entry(data, name), name)
-        if (projection := str(values.get("camera_model", "pinhole"))) != "pinhole":
-            raise ValueError(f"expected a pinhole camera_model in {name}, found {projection!r}")
+        model = str(values.get("camera_model", "pinhole"))
+        if model != "pinhole":
+            raise ValueError(f"expected a pinhole camera_model in {name}, found {model!r}")
         cameras.append(_pinhole(values, name, "distortion_coeffs", (4,)))
     return StereoRig(cameras[0], cameras[1], _pose(data, left, right, choice.unit()), sources[0].path.name)
 
 
 def _pose(data: Mapping[str, Any], left: str, right: str, unit_m: float) -> SE3:
-    """From T_cn_cnm1 (Kalibr's own result) where there is one, else through the IMU."""
-    first = _index(left)
-    last = _index(right)
-    chain = [base.table(data[f"cam{i}"], f"cam{i}") for i in range(first + 1, last + 1) if f"cam{i}" in data]
-    if first < last and len(chain) == last - first and all("T_cn_cnm1" in link for link in chain):
-        pose = SE3.identity()
-        for link in chain:
-            pose = base.rigid(link["T_cn_cnm1"], "T_cn_cnm1", unit_m) @ pose
-        return pose
-    return _from_imu(data, right, unit_m) @ _from_imu(data, left, unit_m).inverse()
+    """right_SE3_left from T_cn_cnm1 (Kalibr's own result) where there is one, else through the IMU."""
+    names = [f"cam{index}" for index in range(_index(left) + 1, _index(right) + 1)]
+    links = [base.table(data.get(name, {}), name) for name in names]
+    if not links or not all("T_cn_cnm1" in link for link in links):
+        return _from_imu(data, right, unit_m) @ _from_imu(data, left, unit_m).inverse()
+    pose = SE3.identity()
+    for link in links:
+        pose = base.rigid(link["T_cn_cnm1"], "T_cn_cnm1", unit_m) @ pose
+    return pose
 
 
 def _from_imu(data: Mapping[str, Any], name: str, unit_m: float) -> SE3:
@@ -185,9 +208,9 @@ def _kalibr_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
 
 
 def _kalibr_entry(one: Camera) -> dict[str, Any]:
-    model, coefficients = base.held("Kalibr", one, {"brown": 4, "fisheye": 4})
+    model, coefficients = base.exact_lens("Kalibr", one, {"brown": 4, "fisheye": 4})
     return {
-        "camera_model": "pinhole", "intrinsics": [float(v) for v in (one.fx, one.fy, one.cx, one.cy)],
+        "camera_model": "pinhole", "intrinsics": [float(value) for value in (one.fx, one.fy, one.cx, one.cy)],
         "distortion_model": "equidistant" if model == "fisheye" else "radtan", "distortion_coeffs": coefficients,
         "resolution": [*one.size],
     }  # fmt: skip
@@ -203,9 +226,9 @@ _SENSOR = base.lines_with(T_BS=r"^\s*T_BS\s*:", intrinsics=r"^\s*intrinsics\s*:"
 
 
 def _euroc_part(source: Source) -> str | None:
-    return base.whole_with(_SENSOR)(source) and (
-        base.side_of(source.path.parent.name) or base.side_of(source.path.stem)
-    )
+    if not base.whole_with(_SENSOR)(source):
+        return None
+    return base.side_of(source.path.parent.name) or base.side_of(source.path.stem)
 
 
 def _euroc_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
@@ -215,7 +238,7 @@ def _euroc_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
         data = base.parse_yaml(source.text)
         body_SE3_camera = base.rigid(base.entry(data, "T_BS"), f"T_BS of {name}", choice.unit())
         halves.append((_pinhole(data, name, "distortion_coefficients", (0, 4)), body_SE3_camera.inverse()))
-    return base.joined(halves[0], halves[1], "+".join(names))
+    return base.join_cameras(halves[0], halves[1], "+".join(names))
 
 
 EUROC = Format("euroc", "EuRoC sensor.yaml pair", (_SENSOR,), _euroc_part, _euroc_read)

@@ -15,9 +15,9 @@ import numpy as np
 
 from calib.camera import Camera
 from calib.errors import InputError, UnreadableError
-from calib.formats import fitted, load_rig, refuse_strange_camera
+from calib.formats import fit_rig, load_rig, refuse_strange_camera
 from calib.formats.base import projected
-from calib.formats.rgbd import fitted_rgbd, load_rgbd
+from calib.formats.rgbd import fit_rgbd, load_rgbd
 from calib.formats.ros import camera_from, region_of, windowed
 from calib.io import size_text
 from calib.pose import SE3
@@ -114,7 +114,7 @@ def rig_of(bag: Bag, topics: tuple[str, str], size: Size, rectified: bool) -> St
         own = f"{size_text(left.size)}, the region of interest in camera_info"
         raise InputError(f"{bag.path}: expected images of {own}, found {size_text(size)}")
     name = f"{bag.path} (camera_info)"
-    return fitted(StereoRig(left, right, pose, source).check(name), name, size)
+    return fit_rig(StereoRig(left, right, pose, source).check(name), name, size)
 
 
 _SDK = re.compile(r"((/device_\d+/sensor_\d+)/\w+)/(image/data|info/camera_info)")
@@ -251,7 +251,7 @@ def _rgbd_rig(bag: Bag, names: tuple[str, str], sizes: tuple[Size, Size], regist
         depth = info_of(bag, names[1])
         depth_camera = _camera(bag, depth, is_rectified(names[1]))[0]
         rig = replace(rig, depth_camera=depth_camera, camera_SE3_depth=_pose(bag, image, depth)[0] or IDENTITY)
-    return fitted_rgbd(rig, *sizes)
+    return fit_rgbd(rig, *sizes)
 
 
 def _find(path: Path, options: OpenOptions) -> base.Layout:

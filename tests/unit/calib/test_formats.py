@@ -337,7 +337,7 @@ def stored_by_opencv(path: Path, rig: StereoRig, column: bool = False) -> Path:
         storage.write(f"M{number}", camera.matrix)
         storage.write(f"D{number}", camera.coefficients.reshape((-1, 1) if column else (1, -1)))
     storage.write("R", np.array(rig.right_SE3_left.rotation))
-    storage.write("t" if column else "T", np.array(rig.right_SE3_left.translation).reshape(3, 1))
+    storage.write("T", np.array(rig.right_SE3_left.translation).reshape(3, 1))
     storage.release()
     return path
 
