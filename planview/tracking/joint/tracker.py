@@ -168,11 +168,25 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
 
     def _rival(self, i: int, people: People) -> int:
         """Index of the more established person in whose place this one stands; -1 for none."""
-        gaps = np.hypot(*(people.poses[:, :2] - people.poses[i, :2]).T)
-        gaps[i] = np.inf
-        nearest = int(np.argmin(gaps))
-        established = self._people[nearest].seniority > self._people[i].seniority
-        return nearest if gaps[nearest] < body.APART_M and established else -1
+        nearest = _in_the_place_of(i, people)
+        if nearest < 0 or self._people[nearest].seniority <= self._people[i].seniority:
+            return -1
+        return nearest
+
+    def _explains_in_another_posture(self, frame: Explanation, newcomer: Person) -> bool:
+        """True if the person in whose place a newcomer would stand explains the pixels as well alone, in another
+        posture; that person takes the posture."""
+        everybody = side_by_side([*self._people, newcomer])
+        n = len(self._people)
+        rival = _in_the_place_of(n, everybody)
+        if rival < 0:
+            return False
+        samples = frame.samples_around(everybody.poses[rival], body.TORSO.torso_radius_m + 0.1)
+        both, alone = self._compare_with_rival(n, rival, samples, everybody)
+        if both >= self.params.birth_evidence:
+            return False
+        self._people[rival].take_pose(alone)
+        return True
 
     def _compare_with_rival(self, i: int, rival: int, samples: Samples, people: People) -> tuple[float, F64]:
         """Evidence for a person and the rival in whose place it stands, compared with the rival alone anywhere nearby;
@@ -241,6 +255,8 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         if not born:
             return
         for newcomer in self._move_to_newcomers(frame, born, predicted):
+            if self._explains_in_another_posture(frame, newcomer):
+                continue
             evidence = newcomer.glimpse.evidence
             self._add(newcomer, "spawned", f"evidence {evidence:.1f}, {newcomer.height_m:.2f} m tall", evidence)
 
@@ -324,6 +340,14 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         for person, box_px in zip(self._people, boxes, strict=True):
             states.append(self._state(person, box_px, (self._confidence(person), person.head_std_m)))
         return tuple(states)
+
+
+def _in_the_place_of(i: int, people: People) -> int:
+    """Index of the person in whose place this one stands; -1 for none."""
+    gaps = np.hypot(*(people.poses[:, :2] - people.poses[i, :2]).T)
+    gaps[i] = math.inf
+    nearest = int(np.argmin(gaps))
+    return nearest if gaps[nearest] < body.APART_M else -1
 
 
 def _glimpse(frame: Explanation, person: Person, pose: F64, evidence: float, patches: F64) -> Glimpse:

@@ -129,6 +129,18 @@ def test_a_low_body_and_another_in_its_place_become_the_upright_person_that_expl
     assert [(s.track_id, s.height_m > 1.6) for s in confirmed(states)] == [(1, True)]
 
 
+@pytest.mark.parametrize(("turn_rad", "farther_m"), [(1.2, 0.25), (1.57, 0.0), (2.0, 0.25), (2.5, 0.0)])
+def test_somebody_who_turns_and_bends_at_once_makes_no_newcomer(turn_rad: float, farther_m: float) -> None:
+    tracker, spawned = JointTracker(), 0
+    camera = oblique_camera(3.3, tilt_deg=0.0)
+    for n in range(40):
+        x_m = -1.0 + 0.04 * n
+        pose = (x_m, 0.2, 1.75) if n < 30 else (x_m + farther_m, 0.2, 1.75, turn_rad, body.LEAN_M)
+        tracker.update(observed(n, n / 15, look_at(camera, [pose])))
+        spawned += sum(decision.kind == "spawned" for decision in tracker.decisions)
+    assert spawned == 1
+
+
 def test_a_walker_keeps_existence_and_id_while_nothing_is_known():
     tracker, states, odds = JointTracker(), [], []
     for n in range(35):
