@@ -16,7 +16,7 @@ from benchmarks.options import JsonFlag, progress, report
 from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import AnyArray
-from planview.checks.motion import MotionWatch, thumbnails
+from planview.checks.motion import MotionWatch
 from planview.checks.scene import delay_of
 from stereo.depth import metres
 from stereo.doctor.diagnose import RAW_UNITS, diagnose, diagnose_colours, diagnose_fields, place_of_depth
@@ -24,6 +24,7 @@ from stereo.doctor.hypotheses import REGISTER
 from stereo.readers import open_any
 from stereo.recording import Decoded, DepthCamera, Recording, StereoPair
 from stereo.rectify import Rectifier, rectified_rig
+from stereo.thumbnails import Thumbnails
 
 FRAMES = 60
 """Consecutive frames in which a delay is looked for."""
@@ -226,7 +227,7 @@ def named(recording: Recording[Any], consecutive: bool) -> str:
         watch = MotionWatch()
         rectifier = Rectifier(recording.sensor.rig)
         for pair in (rectifier(*frame.images) for frame in run):
-            watch.update(thumbnails(pair.left_grey, pair.right_grey))
+            watch.update(Thumbnails.of_pair(pair.left_grey, pair.right_grey))
         late = any(check.name == "synchronisation" and not check.ok for check in watch.checks())
         return NOT_SYNCHRONOUS if late else ""
     return "depth and its image are not of one time" if delay_of(run).apart else ""

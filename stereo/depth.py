@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple, TypeVar, cast, overload
 
 import cv2
@@ -16,6 +17,7 @@ from calib.images import as_colour
 from calib.libraries import import_open3d
 from calib.pose import SE3
 from calib.types import F32, F64, U8, AnyArray
+from stereo.thumbnails import Thumbnails
 
 if TYPE_CHECKING:
     from open3d.geometry import PointCloud
@@ -180,7 +182,8 @@ class Depth:
         image: (h, w[, 3]) uint8, the (left) image at the size of analysis.
         disparity: (h, w) float32 of its pixels [px of the rectified image], NaN invalid.
         step: rows and columns of the rectified image to one of these.
-        greys: both rectified images, (H, W) uint8; None without a pair.
+        rectified: images of cameras at their whole size, (H, W[, 3]) uint8: both of a pair, or the one with depth.
+        thumbnails: makes what shows whether all stands still.
         picture: makes the rectified (left) image, (H, W[, 3]) uint8, in which boxes of people are.
         matched: how the disparity was matched, for the next frame; None where nothing was, or by another matcher.
     """
@@ -188,19 +191,30 @@ class Depth:
     image: U8
     disparity: F32
     step: int
-    greys: tuple[U8, U8] | None
+    rectified: tuple[U8, ...]
+    thumbnails: Callable[[], Thumbnails]
     picture: Callable[[], U8]
     matched: Matched | None = None
 
-    @property
-    def rectified(self) -> tuple[U8, ...]:
-        """The rectified images at their whole size, (H, W[, 3]) uint8: both of a pair, or the one that has depth."""
-        return self.greys or (self.picture(),)
+    @staticmethod
+    def of_pair(
+        image: U8,
+        disparity: F32,
+        step: int,
+        greys: tuple[U8, U8],
+        picture: Callable[[], U8],
+        matched: Matched | None = None,
+    ) -> Depth:
+        """Of the samples of a pair, whose rectified (H, W) images are ``greys``."""
+        return Depth(image, disparity, step, greys, partial(Thumbnails.of_pair, *greys), picture, matched)
 
     @staticmethod
-    def of_whole(left: U8, disparity: F32, step: int, greys: tuple[U8, U8] | None = None) -> Depth:
-        """Of a rectified (H, W[, 3]) image and its (H, W) disparity, at an n-th of their size."""
-        return Depth(sample_means(left, step), sample_disparities(disparity, step), step, greys, lambda: left)
+    def of_whole(image: U8, disparity: F32, step: int) -> Depth:
+        """Of an (H, W[, 3]) image without distortion and its (H, W) disparity, at an n-th of their size."""
+        samples = sample_means(image, step)
+        disparities = sample_disparities(disparity, step)
+        thumbnails = partial(Thumbnails.of_depth, samples, disparities)
+        return Depth(samples, disparities, step, (image,), thumbnails, lambda: image)
 
 
 Samples = TypeVar("Samples", float, F64)

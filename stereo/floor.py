@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from functools import cached_property, partial
-from typing import Any, cast
+from functools import cached_property, partial, singledispatch
+from typing import Any
 
 import cv2
 import numpy as np
@@ -24,6 +24,7 @@ from stereo.recording import DepthCamera, Frame, Recording, Shot, StereoPair
 from stereo.rectify import Rectified, Rectifier, RectifyParams, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
 from stereo.rig_correction import RigCorrection, match_corners
+from stereo.thumbnails import Thumbnails
 from stereo.viewpoint import ONE_VIEW, SpreadView, Viewpoints, view_of_most
 
 SETUP_FRAMES = 24
@@ -149,6 +150,16 @@ class PairFrames:
         """(H, W) float32 depth [m] of each, NaN where unknown."""
         return [self.rectifier.geometry.depth(disparity) for disparity in self.disparities]
 
+    @property
+    def recorded(self) -> list[Shot]:
+        """The images of each as cameras took them."""
+        return [frame.images for frame in self.frames]
+
+    def thumbnails(self, frame: Frame[Shot]) -> Thumbnails:
+        """What shows whether all stands still in another frame."""
+        pair = self.rectifier(*frame.images)
+        return Thumbnails.of_pair(pair.left_grey, pair.right_grey)
+
     def depth_of(self, frame: Frame[Shot]) -> F32:
         """(H, W) float32 depth [m] of another frame; NaN where unknown."""
         pair = self.rectifier(*frame.images)
@@ -174,31 +185,20 @@ class PairFrames:
 class DepthFrames:
     """Frames spread over a recording of images with depth, without distortion; see ``PairFrames``."""
 
-    def __init__(self, recording: Recording[DepthCamera], search: FloorSearch | None = None) -> None:
-        self._recording = recording
-        self._search = search or FloorSearch()
-        self.rectifier = RgbdRectifier(recording.sensor.camera, recording.sensor.technology, self._search.rectify)
+    def __init__(
+        self, sensor: DepthCamera, frames: Sequence[Frame[Shot]], search: FloorSearch, view: SpreadView
+    ) -> None:
+        self.frames = frames
+        self.view = view
+        self._search = search
+        self.rectifier = RgbdRectifier(sensor.camera, sensor.technology, search.rectify)
         self.searched = self.rectifier.disparities()
-
-    @cached_property
-    def _seen(self) -> tuple[list[Frame[Shot]], SpreadView]:
-        return frames_of_one_view(self._recording, self._search.frames)
-
-    @property
-    def frames(self) -> list[Frame[Shot]]:
-        """As recorded."""
-        return self._seen[0]
-
-    @property
-    def view(self) -> SpreadView:
-        """Where the camera looks over the recording, by index of its frames."""
-        return self._seen[1]
 
     @property
     def viewpoints(self) -> Viewpoints:
         """Where the camera looks, without distortion."""
         geometry = self.rectifier.geometry
-        return Viewpoints(self.rectified, geometry.focal_u_px / geometry.width)
+        return Viewpoints([(image,) for image in self.images], geometry.focal_u_px / geometry.width)
 
     @cached_property
     def rectified(self) -> list[tuple[U8, F32]]:
@@ -225,6 +225,16 @@ class DepthFrames:
         """(H, W) float32 depth [m] of each, NaN where unknown."""
         return [depth_m for _, depth_m in self.rectified]
 
+    @property
+    def recorded(self) -> list[Shot]:
+        """The image of each as the camera took it."""
+        return [frame.images[:1] for frame in self.frames]
+
+    def thumbnails(self, frame: Frame[Shot]) -> Thumbnails:
+        """What shows whether all stands still in another frame."""
+        image, depth_m = self.rectifier(*frame.images)
+        return Thumbnails.of_depth(image, self.rectifier.disparity(depth_m))
+
     def depth_of(self, frame: Frame[Shot]) -> F32:
         """(H, W) float32 depth [m] of another frame, NaN where unknown."""
         return self.rectifier(*frame.images)[1]
@@ -240,10 +250,25 @@ def spread_frames(
     recording: Recording[StereoPair | DepthCamera], search: FloorSearch | None = None
 ) -> PairFrames | DepthFrames:
     """Frames spread over a recording, in which its floor is measured. Raises WorkError: none can be used."""
-    if isinstance(recording.sensor, StereoPair):
-        frames, view = frames_of_one_view(recording, (search or FloorSearch()).frames)
-        return PairFrames(recording.sensor.rig, frames, search, view)
-    return DepthFrames(cast(Recording[DepthCamera], recording), search)
+    search = search or FloorSearch()
+    frames, view = frames_of_one_view(recording, search.frames)
+    return _frames_of(recording.sensor, frames, search, view)
+
+
+@singledispatch
+def _frames_of(
+    sensor: StereoPair | DepthCamera, frames: list[Frame[Shot]], search: FloorSearch, view: SpreadView
+) -> PairFrames | DepthFrames:
+    """Frames of a sensor to measure a floor in."""
+    raise NotImplementedError
+
+
+@_frames_of.register
+def _pair_frames(sensor: StereoPair, frames: list[Frame[Shot]], search: FloorSearch, view: SpreadView) -> PairFrames:
+    return PairFrames(sensor.rig, frames, search, view)
+
+
+_frames_of.register(DepthCamera, DepthFrames)
 
 
 def of_like_light(images: Sequence[U8]) -> Bool:
@@ -386,7 +411,8 @@ def frames_of_one_view(recording: Recording[Any], count: int) -> tuple[list[Fram
     frames = recording.sample(count)
     if not frames:
         raise WorkError(f"{recording.path}: none of {recording.n_frames} frames can be used")
-    view = view_of_most([frame.images for frame in frames], recording.sensor.focal_widths)
+    sensor = recording.sensor
+    view = view_of_most([sensor.images(frame.images) for frame in frames], sensor.focal_widths)
     usual = [frames[number] for number in view.usual]
     elsewhere = {frames[number].index: how for number, how in view.elsewhere.items()}
     return usual, view._replace(usual=[frame.index for frame in usual], elsewhere=elsewhere)

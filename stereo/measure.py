@@ -8,9 +8,9 @@ from typing import Protocol
 import numpy as np
 
 from calib.errors import InputError
-from stereo.depth import Depth, Matched
+from stereo.depth import Depth, Matched, sample_disparities, sample_means
 from stereo.matcher import BODY_LAG, DisparityRange, Matcher, SgbmMatcher, SgbmParams
-from stereo.recording import Shot
+from stereo.recording import DepthCamera, Shot, StereoPair, refuse_foreign_shot
 from stereo.rectify import Rectifier
 from stereo.rgbd import RgbdRectifier
 
@@ -44,23 +44,25 @@ class PairMeasure:
     def __call__(self, shot: Shot, record: Record = _unrecorded, last: Matched | None = None) -> Depth:
         """Rectify and match a left and a right image, (H, W) or (H, W, 3) uint8 as recorded. Raises InputError: another
         kind of shot, or what one's own matcher gives is no disparity. ValueError: images of another size."""
-        if len(shot) != 2 or any(image.dtype != np.uint8 for image in shot):
-            raise InputError(f"frame: expected a left and a right image, found {_words(shot)}")
+        refuse_foreign_shot(shot, StereoPair.holds)
+        left, right = shot
         if self._own is None:
-            pair = self._rectifier.reduced(*shot, self._step)
+            pair = self._rectifier.reduced(left, right, self._step)
             record("rectify")
             greys = pair.left_grey, pair.right_grey
             matched = self._sgbm.matched(*greys, last)
             # A copy, for the matcher may give its own again: 10 us, and callers may write into what they are given.
             disparity = matched.disparity.copy()
-            depth = Depth(pair.image, disparity, self._step, greys, pair.picture, matched)
+            depth = Depth.of_pair(pair.image, disparity, self._step, greys, pair.picture, matched)
         else:
-            pair = self._rectifier(*shot)
+            pair = self._rectifier(left, right)
             record("rectify")
             greys = pair.left_grey, pair.right_grey
             disparity = self._own(*greys)
             refuse_foreign_disparity(disparity, self._rectifier.geometry.size[::-1], self._searched)
-            depth = Depth.of_whole(pair.image, disparity, self._step, greys)
+            image = sample_means(pair.image, self._step)
+            samples = sample_disparities(disparity, self._step)
+            depth = Depth.of_pair(image, samples, self._step, greys, pair.picture)
         record("match")
         return depth
 
@@ -75,19 +77,12 @@ class DepthMeasure:
     def __call__(self, shot: Shot, record: Record = _unrecorded, last: Matched | None = None) -> Depth:
         """Take the distortion out of an image, (H, W) or (H, W, 3) uint8, and its depth, (H, W) float32 [m]. Raises
         InputError: another kind of shot. ValueError: images of another size."""
-        if len(shot) != 2 or shot[1].dtype != np.float32:
-            raise InputError(f"frame: expected an image and its depth, found {_words(shot)}")
+        refuse_foreign_shot(shot, DepthCamera.holds)
         image, depth_m = self._rectifier(*shot)
         record("rectify")
         depth = Depth.of_whole(image, self._rectifier.disparity(depth_m), self._step)
         record("match")
         return depth
-
-
-def _words(shot: Shot) -> str:
-    if len(shot) != 2:
-        return "one image" if len(shot) == 1 else f"{len(shot)} images"
-    return "two images" if shot[1].dtype == np.uint8 else "an image and its depth"
 
 
 def refuse_foreign_disparity(disparity: object, shape: tuple[int, int], searched: DisparityRange) -> None:

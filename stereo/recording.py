@@ -64,6 +64,19 @@ Shot = tuple[AnyArray, ...]
 """What a sensor recorded at one moment: an image; or a left and a right one; or an image and its depth. Images as
 recorded, lens distortion included, are (H, W) or (H, W, 3) uint8, BGR; depth is (H, W) float32 [m] along the optical
 axis of the image's pixels, NaN where unknown."""
+SHOTS: dict[tuple[type, ...], str] = {
+    (np.uint8,): "one image",
+    (np.uint8, np.uint8): "a left and a right image",
+    (np.uint8, np.float32): "an image and its depth",
+}
+"""What shots hold, by the types of their numbers."""
+
+
+def refuse_foreign_shot(shot: Shot, expected: tuple[type, ...]) -> None:
+    """Raises InputError: a shot of another kind of sensor than ``expected``, one of ``SHOTS``."""
+    types = tuple(image.dtype.type for image in shot)
+    if types != expected:
+        raise InputError(f"frame: expected {SHOTS[expected]}, found {SHOTS.get(types, f'{len(shot)} images')}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,6 +183,9 @@ class StereoPair:
     rig: StereoRig
     world_SE3_left: SE3 | None = None
     sides: ClassVar = ("left: ", "right: ")
+    holds: ClassVar[tuple[type, ...]] = (np.uint8, np.uint8)
+    floor_share_doubted: ClassVar = 0.0
+    """Share of depth on the floor below which the floor is looked at again: rows show more of a pair."""
 
     @property
     def identity(self) -> list[Any]:
@@ -195,6 +211,10 @@ class StereoPair:
         """Of the images as decoded: both in colour, where one is."""
         return (left, right) if left.ndim == right.ndim else (as_colour(left), as_colour(right))
 
+    def images(self, shot: Shot) -> Shot:
+        """What cameras took of a shot: both images."""
+        return shot
+
 
 @dataclass(frozen=True, eq=False)
 class DepthCamera:
@@ -217,6 +237,9 @@ class DepthCamera:
     depth_units: Depths | None = None
     depth_camera: Camera | None = None
     sides: ClassVar = ("image: ", "depth: ")
+    holds: ClassVar[tuple[type, ...]] = (np.uint8, np.float32)
+    floor_share_doubted: ClassVar = 0.2
+    """Depth along the ray leaves 0.1 to 0.17 of a floor that holds 0.25 (on two rooms)."""
 
     @property
     def identity(self) -> list[Any]:
@@ -232,6 +255,10 @@ class DepthCamera:
         """Of an image and depth as decoded."""
         return image, self.registration(depth_m)
 
+    def images(self, shot: Shot) -> Shot:
+        """What cameras took of a shot: its image."""
+        return shot[:1]
+
 
 @dataclass(frozen=True, eq=False)
 class SingleCamera:
@@ -241,11 +268,16 @@ class SingleCamera:
     focal_widths: ClassVar = 1.0
     """Focal length of a camera without calibration, in widths of its image: a view of 53 degrees."""
     sides: ClassVar = ("",)
+    holds: ClassVar[tuple[type, ...]] = (np.uint8,)
     identity: ClassVar[list[Any]] = []
 
     def shot(self, image: AnyArray) -> Shot:
         """Of an image as decoded."""
         return (image,)
+
+    def images(self, shot: Shot) -> Shot:
+        """What cameras took of a shot: its image."""
+        return shot
 
 
 RecordedBy = StereoPair | DepthCamera | SingleCamera

@@ -154,10 +154,10 @@ class Viewpoints:
     """
 
     def __init__(self, shots: Sequence[Sequence[AnyArray]], focal_widths: float) -> None:
-        """Images are (H, W[, 3]) uint8, all rectified or all as recorded, and depth among them is passed over; the
-        focal length is in widths of an image."""
+        """Images are (H, W[, 3]) uint8, all rectified or all as recorded; the focal length is in widths of
+        an image."""
         self.focal_widths = focal_widths
-        self.cameras = [Viewpoint(images) for images in zip(*shots, strict=True) if images[0].dtype == np.uint8]
+        self.cameras = [Viewpoint(images) for images in zip(*shots, strict=True)]
 
     @property
     def are_textured(self) -> bool:
@@ -328,7 +328,7 @@ class Standing(Carried):
         """Whether they look there in the next frame; where too little shows, as in the frame before."""
         if timestamp_s >= self._looked_s + LOOK_S - ROUNDED_S:
             self._looked_s = timestamp_s
-            how = self._look(timestamp_s, [_small(image) for image in shot if image.dtype == np.uint8])
+            how = self._look(timestamp_s, [_small(image) for image in shot])
             if how is not None and bool(how) != self._is_moved:
                 self._is_moved = bool(how)
                 self._turns = deque([*self._turns][-1:] * LOOKS_MIN)

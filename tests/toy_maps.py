@@ -36,7 +36,7 @@ def write_toy_maps(path: Path, n_frames: int = 40) -> Path:
         disparity[20:23, left : left + 3] = np.nan
         image = np.full((*cloud.shape, 3), (40, 40, 160), np.uint8)
         renewed = background if index == 0 else None
-        depth = Depth(image, disparity, 1, None, lambda image=image: image)
+        depth = Depth.of_whole(image, disparity, 1)
         view_now = cloud.view(cloud.points(disparity, mask, image), mask, index / 15.0, renewed, depth)
         writer.add(Frame(index, index / 15.0, (RecordedPoints.of(view_now),)))
     writer.close([Skipped(7, "left: file is missing")])

@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import singledispatch
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from calib.rig import Floor
 from calib.types import F64, U8
 from calib.world import RIGS_FILE
 from planview.checks.check import Check, limited
-from planview.checks.motion import MotionWatch, repeated_check, still_checks, thumbnails_of
+from planview.checks.motion import MotionWatch, repeated_check, still_checks
 from planview.checks.scene import (
     VALID_SHARE_MIN,
     alignment_checks,
@@ -55,7 +56,7 @@ from stereo.floor import DepthFrames, FloorSearch, PairFrames, frames_of_one_vie
 from stereo.matcher import SATURATED_LEVEL
 from stereo.readers import OpenOptions, find_layout, holds_pair, open_any, open_video
 from stereo.readers.open import SeveralSensors, is_multi_rig, open_rigs
-from stereo.recording import Recording, SingleCamera, refuse_untimed
+from stereo.recording import Frame, Recording, Shot, SingleCamera, refuse_untimed
 from stereo.viewpoint import SpreadView, Standing, Viewpoints
 
 LINE_STEP_PX = 25
@@ -79,20 +80,29 @@ def write_pictures(seen: PairFrames | DepthFrames, floor: Floor | None, folder: 
     last_px = seen.searched.first_px + seen.searched.count
     turbo = disparity_colours(seen.disparities[middle], first_px, last_px)
     ends = f"far: {first_px} px", f"near: {last_px} px"
-    recorded = [image for image in seen.frames[middle].images if image.dtype == np.uint8]
     pictures = {
         "disparity.png": with_colour_bar(turbo, cv2.COLORMAP_TURBO, *ends, [Entry((0, 0, 0), "unknown")]),
         "floor.png": floor_picture(seen, floor),
-        "exposure.png": np.hstack([_saturated(as_grey(image)) for image in recorded]),
+        "exposure.png": np.hstack([_saturated(as_grey(image)) for image in seen.recorded[middle]]),
+        **row_pictures(seen, middle),
     }
-    if isinstance(seen, PairFrames):
-        pair = seen.rectified[middle]
-        rows = as_colour(np.hstack([pair.left_grey, pair.right_grey]))
-        rows[LINE_STEP_PX // 2 :: LINE_STEP_PX] = as_bgr(ROW)
-        pictures["rows.png"] = with_legend(rows, [Entry(ROW, "one row: the same point is on it in both images")])
     for name, picture in pictures.items():
         write_image(folder / name, picture)
     return [folder / name for name in pictures]
+
+
+@singledispatch
+def row_pictures(seen: PairFrames | DepthFrames, middle: int) -> dict[str, U8]:
+    """A picture of the rows of a pair; none of images with depth."""
+    return {}
+
+
+@row_pictures.register
+def _row_pictures_of_pair(seen: PairFrames, middle: int) -> dict[str, U8]:
+    pair = seen.rectified[middle]
+    rows = as_colour(np.hstack([pair.left_grey, pair.right_grey]))
+    rows[LINE_STEP_PX // 2 :: LINE_STEP_PX] = as_bgr(ROW)
+    return {"rows.png": with_legend(rows, [Entry(ROW, "one row: the same point is on it in both images")])}
 
 
 def floor_picture(seen: PairFrames | DepthFrames, floor: Floor | None) -> U8:
@@ -202,12 +212,7 @@ def _examine_depth(
     given = recording.sensor.world_SE3_left
     file = RIGS_FILE if recording.name else "world.toml"
     run, times = _run_of(recording, seen.frames, seen.view, frames, search)
-    if isinstance(seen, PairFrames):
-        seen_in_images = image_checks(seen.frames)
-        geometry = alignment_checks(seen)
-    else:
-        seen_in_images = _image_checks(seen.frames, run)
-        geometry = registration_checks(seen.frames, run)
+    seen_in_images, geometry = _checks_of_kind(seen, run)
     checks = [
         Check("calibration and layout", True, math.nan, note=recording.sensor.source),
         *times,
@@ -222,6 +227,22 @@ def _examine_depth(
     ]
     checks += explanation_checks(recording, checks, floor, search)
     return Diagnosis(tuple(checks), seen, floor)
+
+
+@singledispatch
+def _checks_of_kind(seen: PairFrames | DepthFrames, run: Sequence[Frame[Shot]]) -> tuple[list[Check], list[Check]]:
+    """Checks of the images, and of how the two images of a shot lie on each other."""
+    raise NotImplementedError
+
+
+@_checks_of_kind.register
+def _checks_of_pair(seen: PairFrames, run: Sequence[Frame[Shot]]) -> tuple[list[Check], list[Check]]:
+    return image_checks(seen.frames), alignment_checks(seen)
+
+
+@_checks_of_kind.register
+def _checks_of_depth(seen: DepthFrames, run: Sequence[Frame[Shot]]) -> tuple[list[Check], list[Check]]:
+    return _image_checks(seen.frames, run), registration_checks(seen.frames, run)
 
 
 def _run_of(
@@ -316,9 +337,8 @@ class RecordingWatch(Carried):
         where they stand [m], by id."""
         self._speed.update(timestamp_s, places)
         if depth is not None:
-            self._motion.update(thumbnails_of(depth), timestamp_s)
-        if depth is not None and depth.greys is not None:
-            self._levels.append(grey_level(depth.greys[0]))
+            self._motion.update(depth.thumbnails(), timestamp_s)
+            self._levels.append(grey_level(depth.rectified[0]))
         if depth is not None and self._frames % EVERY_NTH_FRAME == 0:
             self._valid.append(float(np.isfinite(depth.disparity).mean()))
             if foreground is not None:

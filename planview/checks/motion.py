@@ -12,17 +12,13 @@ import numpy as np
 
 from calib.carried import Carried
 from calib.images import as_grey
-from calib.types import F32, F64, U8, AnyArray, Bool
+from calib.types import F64, U8, AnyArray, Bool
 from planview.checks.check import Check, limited
 from planview.checks.timing import GROUPS, LONGEST_LAG, MIN_FRAMES, SURELY, WINDOW, Lag, lag_of
-from stereo.depth import Depth
 from stereo.floor import DepthFrames, PairFrames
 from stereo.recording import Frame, Shot
+from stereo.thumbnails import STEP_PX, Thumbnails
 
-COMPARED_STEP_PX = 2
-"""Every n-th row and column is compared: a person at 8 m still has 100 pixels."""
-OWN_VIEW = 8
-"""The outer 1/n of each image, which the other camera may not show, is left out: a disparity of 80 px of 640."""
 BANDS = 24
 """Bands of rows in which movement is summed: rows of a rectified pair show the same part of the scene."""
 MOVED_LEVEL = 14
@@ -38,30 +34,6 @@ MAX_REPEATED = 0.1
 JUMPED = 1.5
 """Images that stood still go on with this many times the movement of the frame before: people walked on meanwhile, and
 who stood starts slowly."""
-
-
-class Thumbnails(NamedTuple):
-    """Every second pixel of a rectified pair where both cameras see the scene: (h, w) uint8 each; or of an image and of
-    the disparity that its depth has, (h, w) float32, 0 where unknown."""
-
-    left: U8
-    right: U8 | F32
-
-
-def thumbnails(left: U8, right: U8) -> Thumbnails:
-    """Thumbnails of rectified (H, W) grey images; rows of both still show the same part of the scene."""
-    margin = left.shape[1] // OWN_VIEW
-    left_inside = left[::COMPARED_STEP_PX, margin::COMPARED_STEP_PX]
-    right_inside = right[::COMPARED_STEP_PX, : right.shape[1] - margin : COMPARED_STEP_PX]
-    return Thumbnails(np.ascontiguousarray(left_inside), np.ascontiguousarray(right_inside))
-
-
-def thumbnails_of(depth: Depth) -> Thumbnails:
-    """Thumbnails of what was measured: the pair, or its image and depth."""
-    if depth.greys is not None:
-        return thumbnails(*depth.greys)
-    steps = slice(None, None, COMPARED_STEP_PX)
-    return Thumbnails(as_grey(depth.image)[steps, steps].copy(), np.nan_to_num(depth.disparity[steps, steps]))
 
 
 class PairChanges(NamedTuple):
@@ -160,7 +132,7 @@ class MotionWatch(Carried):
         """Take the next pair. Movement is looked for in images only: the edges of depth flicker."""
         before = self._last
         self._last = pair
-        self._is_pair = pair.right.dtype == np.uint8
+        self._is_pair = pair.is_pair
         if before is None:
             return
         left_moved = moved_pixels(before.left, pair.left)
@@ -295,13 +267,7 @@ def still_checks(seen: PairFrames | DepthFrames, frames: Sequence[Frame[Shot]]) 
     """Checks of recorded frames in order: do images or depth stand still or repeat, are cameras out of step?"""
     watch = MotionWatch()
     for frame in frames:
-        if isinstance(seen, PairFrames):
-            pair = seen.rectifier(*frame.images)
-            watch.update(thumbnails(pair.left_grey, pair.right_grey), frame.timestamp_s)
-        else:
-            image, depth_m = seen.rectifier(*frame.images)
-            depth = Depth.of_whole(image, seen.rectifier.disparity(depth_m), 1)
-            watch.update(thumbnails_of(depth), frame.timestamp_s)
+        watch.update(seen.thumbnails(frame), frame.timestamp_s)
     return watch.checks()
 
 
@@ -309,7 +275,7 @@ def repeated_check(images: Sequence[U8]) -> Check:
     """Consecutive images of one camera that repeat the one before while something moves."""
     watch = MotionWatch()
     for image in images:
-        small = as_grey(image)[::COMPARED_STEP_PX, ::COMPARED_STEP_PX]
+        small = as_grey(image)[::STEP_PX, ::STEP_PX]
         watch.update(Thumbnails(small, small))
     note = "share of frames that repeat the one before"
     return limited("repeated frames", watch.repeated, "", note, most=MAX_REPEATED, warns=True)

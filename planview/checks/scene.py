@@ -334,9 +334,6 @@ def camera_height(height_m: float, note: str, std_m: float = math.nan) -> Check:
     return limited("camera height", height_m, "m", note, std=std_m, least=1.2, most=10.0)
 
 
-FLOOR_SHARE_DOUBTED = 0.2
-"""Share of a sensor's depth on the floor below which it is looked at again: depth along the ray leaves 0.1 to 0.17 of a
-floor that holds 0.25 (on two rooms)."""
 DOUBTED = frozenset({
     "left-right order", "row offset", "camera turn", "row residual", "valid disparity", "floor share", "floor flatness",
     "camera height", "person height",
@@ -348,7 +345,7 @@ def explanation_checks(
     recording: Recording[StereoPair | DepthCamera], checks: Sequence[Check], floor: Floor | None, search: FloorSearch
 ) -> list[Check]:
     """What explains the checks that failed; nothing where there is nothing to explain."""
-    small = isinstance(recording.sensor, DepthCamera) and floor and floor.inlier_fraction < FLOOR_SHARE_DOUBTED
+    small = floor is not None and floor.inlier_fraction < recording.sensor.floor_share_doubted
     failed = any(not check.ok and check.name in DOUBTED for check in checks)
     if not (failed or small):
         return []

@@ -6,8 +6,9 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import singledispatch
 from pathlib import Path
-from typing import cast
+from typing import Any
 
 import numpy as np
 
@@ -69,15 +70,24 @@ def set_up(
             much.
         WorkError: no usable frame, left and right swapped, hardly any disparity or depth, or no floor visible.
     """
-    pose_file = RIGS_FILE if recording.name else "world.toml"
     seen = spread_frames(recording, floor_search(config))
-    if isinstance(seen, DepthFrames):
-        return _set_up_depth(recording, seen, config, pose_file)
+    return _set_up(seen, recording, config, matcher)
+
+
+@singledispatch
+def _set_up(
+    seen: PairFrames | DepthFrames, recording: Recording[Any], config: Config, matcher: Matcher | None
+) -> Setup:
+    raise NotImplementedError
+
+
+@_set_up.register
+def _set_up_pair(seen: PairFrames, recording: Recording[StereoPair], config: Config, matcher: Matcher | None) -> Setup:
     light = image_checks(seen.frames)
     search = floor_search(config)
     try:
         refuse_foreign(seen.plain, seen.matches)
-        floor, source = _floor_of(recording, seen, pose_file, config)
+        floor, source = _floor_of(recording, seen, config)
         if floor.doubt and any(check.name == "compression" and check.failed for check in light):
             raise WorkError(f"no floor found: {floor.doubt}, and compressed blocks match like such a plane")
     except WorkError as error:
@@ -104,12 +114,13 @@ def _explained(
     return WorkError(f"{recording.path}: {'; '.join([*reasons, str(error)])}", in_pictures=True)
 
 
+@_set_up.register
 def _set_up_depth(
-    recording: Recording[StereoPair | DepthCamera], seen: DepthFrames, config: Config, pose_file: str
+    seen: DepthFrames, recording: Recording[DepthCamera], config: Config, _matcher: Matcher | None
 ) -> Setup:
-    sensor = cast(DepthCamera, recording.sensor)
+    sensor = recording.sensor
     try:
-        floor, source = _floor_of(recording, seen, pose_file, config)
+        floor, source = _floor_of(recording, seen, config)
     except WorkError as error:
         # A delay of depth in another unit is none.
         seen_in_images = run_checks(recording)[0], still_checks(seen, seen.frames)[0]
@@ -126,9 +137,10 @@ def _set_up_depth(
 
 
 def _floor_of(
-    recording: Recording[StereoPair | DepthCamera], seen: PairFrames | DepthFrames, pose_file: str, config: Config
+    recording: Recording[StereoPair | DepthCamera], seen: PairFrames | DepthFrames, config: Config
 ) -> tuple[Floor, str]:
     """The floor of a recording and where it came from: the given one, unless the images show that it is so no more."""
+    pose_file = RIGS_FILE if recording.name else "world.toml"
     given = recording.sensor.world_SE3_left
     if given is None:
         return seen.floor(), "found"

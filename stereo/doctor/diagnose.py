@@ -6,7 +6,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import closing
-from typing import NamedTuple, cast
+from functools import singledispatch
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -61,16 +62,19 @@ RAW_UNITS = 65536.0
 def diagnose(recording: Recording[StereoPair | DepthCamera], search: FloorSearch | None = None) -> Finding | None:
     """The hypothesis that explains a recording whose rows, floor or people are not what they should be; None where none
     does."""
-    search = search or FloorSearch()
-    if isinstance(recording.sensor, StereoPair):
-        return diagnose_pair(cast(Recording[StereoPair], recording), search)
-    return diagnose_depth(cast(Recording[DepthCamera], recording), search)
+    return _diagnose(recording.sensor, recording, search or FloorSearch())
 
 
-def diagnose_pair(recording: Recording[StereoPair], search: FloorSearch) -> Finding | None:
+@singledispatch
+def _diagnose(sensor: StereoPair | DepthCamera, recording: Recording[Any], search: FloorSearch) -> Finding | None:
+    raise NotImplementedError
+
+
+@_diagnose.register
+def _diagnose_pair(sensor: StereoPair, recording: Recording[StereoPair], search: FloorSearch) -> Finding | None:
     """The hypothesis under which the rows of pairs fit, or else their floor, and do not as recorded."""
     shots = [(frame.images[0], frame.images[1]) for frame in recording.sample(SPREAD_FRAMES)]
-    pairs = Pairs(recording.sensor.rig, shots)
+    pairs = Pairs(sensor.rig, shots)
     is_aligned = pairs.aligned >= LEAST_ALIGNED
     tried = PAIRS if is_aligned else (*PAIRS, *RAW_PAIRS)
     likely = shortlist(pairs.first(FIRST_FRAMES), tried, rows_score, ENDED**ROWS_WEIGHT)
@@ -90,7 +94,8 @@ def diagnose_pair(recording: Recording[StereoPair], search: FloorSearch) -> Find
     return _by_floor(pairs.scene, (*BASELINES, *MOUNTS), search)
 
 
-def diagnose_depth(recording: Recording[DepthCamera], search: FloorSearch) -> Finding | None:
+@_diagnose.register
+def _diagnose_depth(sensor: DepthCamera, recording: Recording[DepthCamera], search: FloorSearch) -> Finding | None:
     """The hypothesis under which depth shows a floor, or a better one than as recorded."""
     return _by_floor(stored_scene(recording), (*DEPTHS, *MOUNTS), search)
 

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,16 +16,17 @@ from calib.errors import InputError, WorkError
 from calib.formats import load_rig
 from calib.pose import SE3
 from calib.rig import Floor, StereoRig
-from calib.types import F64, U8
+from calib.types import F32, F64, U8
 from planview.api.check import verdict
 from planview.checks.check import Check, limited
 from planview.checks.examine import examine, refuse_unless_ok
-from planview.checks.motion import MotionWatch, Thumbnails, repeated_check, thumbnails
+from planview.checks.motion import MotionWatch, repeated_check
 from planview.checks.scene import flicker_check, floor_checks, height_check, light_checks
 from planview.checks.timing import LONGEST_LAG, SURELY, WINDOW, SpeedWatch, lag_of
 from planview.cli import main
 from planview.commands.check import check
 from stereo.doctor.hypotheses import LATE
+from stereo.thumbnails import Thumbnails
 
 FRAMES = 60
 
@@ -38,10 +39,10 @@ def picture(t: float, shift: int) -> U8:
     return image
 
 
-def watched(left: list[U8], right: list[U8]) -> dict[str, Check]:
+def watched(left: Sequence[U8], right: Sequence[U8 | F32], is_pair: bool = True) -> dict[str, Check]:
     watch = MotionWatch()
     for index, pair in enumerate(zip(left, right, strict=True)):
-        watch.update(Thumbnails(*pair), index / 10)
+        watch.update(Thumbnails(*pair, is_pair), index / 10)
     return {check.name: check for check in watch.checks()}
 
 
@@ -52,11 +53,11 @@ def sides() -> tuple[list[U8], list[U8]]:
 
 def test_depth_that_stands_still_or_comes_twice_is_named_with_how_long(sides: tuple[list[U8], list[U8]]) -> None:
     images, depths = sides[0], [image.astype(np.float32) for image in sides[1]]
-    assert "frozen camera" not in failing(watched(images, depths))
-    stands = watched(images, depths[:40] + [depths[40]] * (FRAMES - 40))
+    assert "frozen camera" not in failing(watched(images, depths, is_pair=False))
+    stands = watched(images, depths[:40] + [depths[40]] * (FRAMES - 40), is_pair=False)
     assert {"frozen camera", "stalled camera"} <= failing(stands)
     assert "the depth stands still from 4.2 to 5.9 s" in stands["frozen camera"].note  # nothing moves in frame 41
-    assert "frozen camera" in failing(watched(images, [depths[n // 2 * 2] for n in range(FRAMES)]))
+    assert "frozen camera" in failing(watched(images, [depths[n // 2 * 2] for n in range(FRAMES)], is_pair=False))
 
 
 def test_cameras_that_both_stand_still_while_people_walk_are_named_with_since_when_and_how_long(sides) -> None:
@@ -68,7 +69,7 @@ def test_cameras_that_both_stand_still_while_people_walk_are_named_with_since_wh
 
 def test_an_image_that_stands_still_while_its_depth_does_not_is_named(sides: tuple[list[U8], list[U8]]) -> None:
     images, depths = ([sides[0][n] for n in [*range(20), *[20] * 20, *range(40, FRAMES)]], sides[1])
-    found = watched(images, [depth.astype(np.float32) for depth in depths])["stalled camera"]
+    found = watched(images, [depth.astype(np.float32) for depth in depths], is_pair=False)["stalled camera"]
     assert not found.ok and ": the image stands still from 2.1 to 4.0 s" in found.note
 
 
@@ -170,7 +171,7 @@ def test_a_floor_that_may_be_a_wall_is_a_warning() -> None:
 def test_thumbnails_leave_out_what_one_camera_alone_shows() -> None:
     left, right = np.zeros((48, 80), np.uint8), np.zeros((48, 80), np.uint8)
     left[:, :10], right[:, 70:] = 255, 255
-    small = thumbnails(left, right)
+    small = Thumbnails.of_pair(left, right)
     assert small.left.shape == small.right.shape == (24, 35)
     assert not small.left.any() and not small.right.any()
 

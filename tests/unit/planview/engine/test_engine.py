@@ -1,8 +1,8 @@
 """The engine: configuration, stages, feedback."""
 
 import math
+from collections.abc import Generator
 from pathlib import Path
-from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ from planview.trajectories.state import State, TrackState
 from stereo.depth import RectifiedGeometry
 from stereo.matcher import DisparityRange
 from stereo.measure import refuse_foreign_disparity
-from stereo.recording import DepthCamera, Recording
+from stereo.recording import Decoded, DepthCamera, FrameClock, Recording, Shot
 
 
 def test_a_file_and_overrides_which_beat_it_change_what_they_name_and_nothing_else(tmp_path: Path) -> None:
@@ -140,10 +140,17 @@ def test_view_reaches_far_in_its_directions_and_straight_down_is_the_image_on_th
     assert np.abs(outline).max(axis=0) == pytest.approx([3 * 320 / 500, 3 * 240 / 500])
 
 
+def decoded(shot: Shot) -> Generator[tuple[Decoded, ...], None, None]:
+    """One frame."""
+    yield tuple(Decoded(0, 0.0, image) for image in shot)
+
+
 def test_a_floor_that_the_camera_does_not_see_is_refused_by_name() -> None:
-    upwards, clock = SE3(np.eye(3), np.array([0.0, 0.0, 3.0])), cast(Any, None)
+    upwards = SE3(np.eye(3), np.array([0.0, 0.0, 3.0]))
+    width, height = CAMERA.size
+    shot = np.zeros((height, width), np.uint8), np.ones((height, width), np.float32)
     sensor = DepthCamera(CAMERA, "calib.json", "structured-light", np.asarray, upwards)
-    hall = Recording(Path("hall"), cast(Any, None), 1, clock, [], sensor)
+    hall = Recording(Path("hall"), lambda _: decoded(shot), 1, FrameClock(10.0), [], sensor)
     with pytest.raises(InputError, match=r"hall \(floor: world.toml\): expected a camera that sees"):
         set_up(hall, Config())
 
