@@ -294,7 +294,14 @@ def point_cloud(
 def median_image(images: Sequence[AnyArray]) -> F32:
     """The background of some frames, which people who move do not change: (H, W) float32 median of the valid values of
     each pixel of (H, W) images, NaN invalid; NaN where there is none."""
-    ordered = np.sort(np.stack(images, axis=-1, dtype=np.float32), axis=-1)  # NaN comes last
-    known = np.isfinite(ordered).sum(axis=-1, keepdims=True)
-    middle = [np.take_along_axis(ordered, np.maximum(n, 0), axis=-1) for n in ((known - 1) // 2, known // 2)]
-    return np.asarray(np.where(known > 0, 0.5 * (middle[0] + middle[1]), np.nan)[..., 0], dtype=np.float32)
+    sorted_so_far = list(images)
+    # Whole images are sorted by exchanging neighbours, in a fraction of the time of sorting the values of each pixel.
+    for first in range(len(images)):
+        for k in range(first % 2, len(images) - 1, 2):
+            low, high = sorted_so_far[k : k + 2]
+            sorted_so_far[k : k + 2] = np.fmin(low, high), np.maximum(low, high)  # NaN comes last
+    ordered = np.stack(sorted_so_far)
+    known = np.isfinite(ordered).sum(axis=0, keepdims=True)
+    middle = [np.take_along_axis(ordered, np.maximum(n, 0), axis=0)[0] for n in ((known - 1) // 2, known // 2)]
+    mean = np.float32(0.5) * np.add(*middle, dtype=np.float32)
+    return np.where(known[0] > 0, mean, np.float32(np.nan))

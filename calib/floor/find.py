@@ -190,7 +190,9 @@ def _ransac(points: Rays, floors: FloorParams | None) -> F64:
     few = np.linspace(0, len(points) - 1, min(len(points), SCORED)).astype(np.int64)
     scored = np.column_stack([points.rays, points.inverse])[few] / (INLIER_SIGMAS * points.sigma[few, None])
     off = np.column_stack([tried, np.full(len(tried), -1.0)]).astype(np.float32) @ scored.T.astype(np.float32)
-    held = np.maximum(np.float32(1.0) - off * off, np.float32(0.0)).sum(axis=1)
+    off *= off
+    np.subtract(np.float32(1.0), off, out=off)
+    held = np.maximum(off, np.float32(0.0), out=off).sum(axis=1)
     return tried[int(np.argmax(held))] if len(held) else np.zeros(3)
 
 

@@ -195,19 +195,20 @@ def fit_plane(points: Rays, q: F64) -> Plane | None:
     scale = np.nan
     for _ in range(25):
         r = points.residuals(q)
-        near = np.abs(r) < width
+        off = np.abs(r)
+        near = off < width
         if near.sum() < 3:
             return None
         # Feet, furniture and walls are all nearer than the floor: only the far side shows the noise.
         far = r[near & (r <= 0)]
         scale = float(MAD_TO_SIGMA * np.median(-far)) if len(far) else 0.0
         width = min(INLIER_SIGMAS, max(TUKEY_C * scale, MIN_WIDTH))
-        weights = np.where(np.abs(r) < width, (1.0 - (r / width) ** 2) ** 2, 0.0)
-        w = weights / points.sigma**2
-        normal_matrix = (points.rays * w[:, None]).T @ points.rays
+        weights = np.where(off < width, (1.0 - (r / width) ** 2) ** 2, 0.0)
+        weighted = points.rays * (weights / points.sigma**2)[:, None]
+        normal_matrix = weighted.T @ points.rays
         if not np.isfinite(normal_matrix).all() or np.linalg.cond(normal_matrix) > 1e12:
             return None
-        solved = np.asarray(np.linalg.solve(normal_matrix, (points.rays * w[:, None]).T @ points.inverse))
+        solved = np.asarray(np.linalg.solve(normal_matrix, weighted.T @ points.inverse))
         done = np.abs(points.rays[near] @ (solved - q) / points.sigma[near]).max() < 1e-4
         q = solved
         if done:
