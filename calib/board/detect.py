@@ -44,7 +44,7 @@ class Board:
     legacy: bool = False
 
     def __post_init__(self) -> None:
-        if not all(MIN_CORNERS <= n <= MAX_CORNERS for n in (self.cols, self.rows)):
+        if min(self.cols, self.rows) < MIN_CORNERS or max(self.cols, self.rows) > MAX_CORNERS:
             found = f"{self.cols}x{self.rows}"
             raise ValueError(f"expected {MIN_CORNERS} to {MAX_CORNERS} inner corners a side, found {found}")
         if not MIN_SQUARE_M <= self.square_m <= MAX_SQUARE_M:
@@ -68,9 +68,13 @@ class Board:
 
 def dictionaries() -> dict[str, int]:
     """Names of the ArUco dictionaries of this OpenCV, with their numbers."""
-    found = {name: int(getattr(cv2.aruco, name)) for name in dir(cv2.aruco) if name.startswith("DICT_")}
-    # Aliases differ in case only; keep one name for each.
-    return {name: number for name, number in found.items() if name.upper() == name or name.upper() not in found}
+    numbers = {}
+    for name in dir(cv2.aruco):
+        # Aliases differ in case only; keep one name for each.
+        is_alias = name != name.upper() and hasattr(cv2.aruco, name.upper())
+        if name.startswith("DICT_") and not is_alias:
+            numbers[name] = int(getattr(cv2.aruco, name))
+    return numbers
 
 
 Side = Literal["left", "right"]
@@ -78,7 +82,7 @@ SIDES: tuple[Side, Side] = ("left", "right")
 
 
 class Corners(NamedTuple):
-    """Corners of the board found in one image: (n,) ids into the board's points and (n, 2) pixels."""
+    """Corners of the board in one image: (n,) ids into the board's points and (n, 2) pixels."""
 
     ids: I64
     pixels: F64
@@ -119,72 +123,86 @@ class Detector:
             rows = board.rows + 1
             if len(dictionary.bytesList) < cols * rows // 2:
                 raise ValueError(f"expected a dictionary with {cols * rows // 2} markers, found {board.dictionary}")
-            made = cv2.aruco.CharucoBoard((cols, rows), board.square_m, board.marker_m, dictionary)
-            made.setLegacyPattern(board.legacy)
-            self._charuco = cv2.aruco.CharucoDetector(made)
+            charuco_board = cv2.aruco.CharucoBoard((cols, rows), board.square_m, board.marker_m, dictionary)
+            charuco_board.setLegacyPattern(board.legacy)
+            self._charuco = cv2.aruco.CharucoDetector(charuco_board)
 
     def __call__(self, image: U8) -> Corners | None:
         """All corners of a chessboard or the visible ones of a ChArUco board, to sub-pixels; None without the board."""
         grey = as_grey(image)
         if self._charuco is None:
-            pixels = find_chessboard(grey, self.board.cols, self.board.rows, thorough=self.thorough)
-            return None if pixels is None else Corners(np.arange(len(pixels)), refine(grey, pixels, self.board.cols))
-        corners, ids, _, _ = self._charuco.detectBoard(grey)
-        found = np.asarray([] if ids is None else ids, dtype=np.int64).reshape(-1)
-        if not spans_a_plane(self.board, found):
+            coarse = find_chessboard(grey, self.board.cols, self.board.rows, thorough=self.thorough)
+            if coarse is None:
+                return None
+            return Corners(np.arange(len(coarse)), refine(grey, coarse, self.board.cols))
+        pixels, numbers, _, _ = self._charuco.detectBoard(grey)
+        if numbers is None:
             return None
-        return Corners(found, np.asarray(corners, dtype=np.float64).reshape(-1, 2))
+        ids = np.asarray(numbers, dtype=np.int64).reshape(-1)
+        if not spans_a_plane(self.board, ids):
+            return None
+        return Corners(ids, np.asarray(pixels, dtype=np.float64).reshape(-1, 2))
 
 
 def spans_a_plane(board: Board, ids: I64) -> bool:
-    """Whether these corners show enough of the board to determine its pose: several, and not all in one line."""
-    lines = ids // board.cols, ids % board.cols
-    return len(ids) >= 8 and all(len(set(line)) > 1 for line in lines)
+    """True if these corners show enough of the board to determine its pose: several, and not all in one line."""
+    if len(ids) < 8:
+        return False
+    return bool(np.ptp(ids // board.cols) > 0 and np.ptp(ids % board.cols) > 0)
 
 
 def find_chessboard(grey: U8, cols: int, rows: int, *, thorough: bool = True) -> F64 | None:
     """(cols * rows, 2) corners, coarse, in rows of ``cols``, in the order of a board viewed from its front. OpenCV's
     sector-based detector comes first where time allows: it finds blurred boards, and no part of a larger board."""
-    sized, scale = at_detection_width(grey)
-    found = False
-    pixels = None
+    image, scale = at_detection_width(grey)
+    is_shown = False
+    flags = cv2.CALIB_CB_NORMALIZE_IMAGE
     if thorough:
-        found, pixels = cv2.findChessboardCornersSB(sized, (cols, rows), flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
-    if not found:
-        flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
-        quick = 0 if thorough else cv2.CALIB_CB_FAST_CHECK
-        found, pixels = cv2.findChessboardCorners(sized, (cols, rows), flags=flags | quick)
-    if not found or pixels is None:
+        is_shown, pixels = cv2.findChessboardCornersSB(image, (cols, rows), flags=flags)
+    if not is_shown:
+        flags |= cv2.CALIB_CB_ADAPTIVE_THRESH
+        if not thorough:
+            flags |= cv2.CALIB_CB_FAST_CHECK
+        is_shown, pixels = cv2.findChessboardCorners(image, (cols, rows), flags=flags)
+    if not is_shown:
         return None
     corners = (np.asarray(pixels, dtype=np.float64).reshape(-1, 2) + 0.5) / scale - 0.5
-    # Order without mirroring: rows must follow columns clockwise in the image, as on the board.
     grid = corners.reshape(-1, cols, 2)
     along = (grid[:, -1] - grid[:, 0]).mean(axis=0)
     down = (grid[-1] - grid[0]).mean(axis=0)
-    turned = grid if along[0] * down[1] - along[1] * down[0] > 0 else grid[:, ::-1]
-    return np.ascontiguousarray(turned.reshape(-1, 2))
+    # Order without mirroring: rows must follow columns clockwise in the image, as on the board.
+    is_mirrored = along[0] * down[1] - along[1] * down[0] <= 0
+    if is_mirrored:
+        grid = grid[:, ::-1]
+    return np.ascontiguousarray(grid.reshape(-1, 2))
 
 
 def at_detection_width(grey: U8) -> tuple[U8, float]:
-    """The image at a width at which OpenCV's detectors find squares of some 20 pixels in good time, and how many times
-    larger it is then. Corners are refined at full size."""
+    """The image at a width at which OpenCV's detectors find squares of some 20 pixels in good time, and its scale
+    against the original. Corners are refined at full size."""
     width = grey.shape[1]  # [px]
     low = 640
     high = 1280
-    if low <= width <= high:
+    if width < low:
+        scale = float(math.ceil(low / width))
+        interpolation = cv2.INTER_CUBIC
+    elif width > high:
+        scale = high / width
+        interpolation = cv2.INTER_AREA
+    else:
         return grey, 1.0
-    scale = float(math.ceil(low / width)) if width < low else high / width
-    how = cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA
-    return np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=how), dtype=np.uint8), scale
+    resized = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=interpolation)
+    return np.asarray(resized, dtype=np.uint8), scale
 
 
 def refine(grey: U8, corners: F64, cols: int) -> F64:
     """Sub-pixel corners, the window following the size of the squares."""
     grid = corners.reshape(-1, cols, 2)
-    apart = min(np.linalg.norm(np.diff(grid, axis=axis), axis=2).min() for axis in (0, 1))
+    across = np.linalg.norm(np.diff(grid, axis=1), axis=2).min()
+    down = np.linalg.norm(np.diff(grid, axis=0), axis=2).min()
     # Half the refinement window as a share of the corner distance: no other corner may reach into the window, and
     # larger windows average more noise. Measured on OpenCV's pairs: 0.25 gives 0.20 px, 0.4 already 0.24 px.
-    half = int(np.clip(0.25 * apart, 2, 15))
+    half = int(np.clip(0.25 * min(across, down), 2, 15))
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
     start = np.ascontiguousarray(corners, dtype=np.float32).reshape(-1, 1, 2)
     moved = cv2.cornerSubPix(grey, start.copy(), (half, half), (-1, -1), criteria)
@@ -200,66 +218,93 @@ def same_order(board: Board, left: Corners, right: Corners) -> Corners:
     turns = [grid, grid[::-1, ::-1]]
     if board.rows == board.cols:
         turns += [np.rot90(grid, 1), np.rot90(grid, 3)]
-    centred = left.pixels - left.pixels.mean(axis=0)
-    away = [np.linalg.norm(t.reshape(-1, 2) - grid.mean(axis=(0, 1)) - centred) for t in turns]
-    return Corners(right.ids, np.ascontiguousarray(turns[int(np.argmin(away))].reshape(-1, 2)))
+    left_shape = left.pixels - left.pixels.mean(axis=0)
+    orders = [turn.reshape(-1, 2) for turn in turns]
+    distances = [np.linalg.norm(order - grid.mean(axis=(0, 1)) - left_shape) for order in orders]
+    nearest = int(np.argmin(distances))
+    return Corners(right.ids, np.ascontiguousarray(orders[nearest]))
 
 
 def find_counts(images: Iterable[U8]) -> tuple[int, int] | None:
-    """Inner corners (more, fewer) of the chessboard in the images, None when none is found: a small pattern is grown as
-    far as it goes in each image, and the largest size that is in most images wins, since parts of a board are found as
-    well, and an edge of the board can look like another row of squares in a few."""
+    """Inner corners (more, fewer) of the chessboard in the images, None without one.
+
+    A small pattern is grown as far as it goes in each image, and the largest size that is in most images wins, since
+    parts of a board are found as well, and an edge of the board can look like another row of squares in a few.
+    """
     greys = [as_grey(image) for image in images]
     votes = Counter[tuple[int, int]]()
     flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER
     for grey in greys:
-        sized = at_detection_width(grey)[0]
-        found, _, meta = cv2.findChessboardCornersSBWithMeta(sized, (MIN_CORNERS, MIN_CORNERS), flags)
-        if found and meta is not None and meta.ndim == 2 and meta.size > MIN_CORNERS**2:
+        image = at_detection_width(grey)[0]
+        is_shown, _, meta = cv2.findChessboardCornersSBWithMeta(image, (MIN_CORNERS, MIN_CORNERS), flags)
+        if is_shown and meta is not None and meta.ndim == 2 and meta.size > MIN_CORNERS**2:
             votes[max(meta.shape), min(meta.shape)] += 1
-    # Counts that are tried on all images, the most frequent ones.
-    # A size that is found in a single image is chance: small ones are found in noise.
-    tried = [size for size, count in votes.most_common(4) if count >= 2]
-    if len(votes) < 2 or not tried:
-        return tried[0] if tried else None
-    tried.sort(key=lambda size: -size[0] * size[1])
-    counts = {size: sum(find_chessboard(grey, *size) is not None for grey in greys) for size in tried}
-    return next((size for size in tried if 2 * counts[size] > len(greys)), max(tried, key=lambda size: counts[size]))
+    # The most frequent sizes. One in a single image is chance: small ones are found in noise.
+    candidates = [size for size, count in votes.most_common(4) if count >= 2]
+    if not candidates:
+        return None
+    if len(votes) < 2:
+        return candidates[0]
+    candidates.sort(key=lambda size: -size[0] * size[1])
+    counts = {}
+    for size in candidates:
+        counts[size] = sum(find_chessboard(grey, *size) is not None for grey in greys)
+        if 2 * counts[size] > len(greys):
+            return size
+    return max(candidates, key=lambda size: counts[size])
 
 
 def larger_counts(images: Iterable[U8], given: tuple[int, int]) -> tuple[int, int] | None:
     """Inner corners (more, fewer) of the chessboard that the given one is only a part of; None when it is whole."""
     greys = [as_grey(image) for image in images]
     given = max(given), min(given)
-    found = find_counts(greys)
-    if found is None or found == given or found[0] < given[0] or found[1] < given[1]:
+    counts = find_counts(greys)
+    if counts is None or counts == given or counts[0] < given[0] or counts[1] < given[1]:
         return None
-    # By the detector that is not content with parts of a board the whole one is found, at least as often as the part.
-    flags = cv2.CALIB_CB_NORMALIZE_IMAGE
-    whole, part = (
-        sum(bool(cv2.findChessboardCornersSB(at_detection_width(grey)[0], size, flags=flags)[0]) for grey in greys)
-        for size in (found, given)
-    )
-    return found if whole >= max(1, part) else None
+    # The detector that is not content with parts of a board must show the whole one at least as often as the part.
+    whole = 0
+    part = 0
+    for grey in greys:
+        image = at_detection_width(grey)[0]
+        whole += cv2.findChessboardCornersSB(image, counts, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)[0]
+        part += cv2.findChessboardCornersSB(image, given, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)[0]
+    return counts if whole >= max(1, part) else None
 
 
 def complete_charuco(board: Board, images: Sequence[U8], *, any_dictionary: bool, any_marker: bool) -> Board:
     """The ChArUco board with the dictionary, marker size and layout that find most in a few images."""
     greys = [as_grey(image) for image in images[:3]]
-    n_ids = (board.cols + 1) * (board.rows + 1) // 2
 
-    def markers(number: int) -> int:
-        """Those of a dictionary whose ids the board can hold."""
-        detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(number))
-        found = [detector.detectMarkers(grey)[1] for grey in greys]
-        return sum(len({int(i) for i in np.asarray(ids).ravel() if i < n_ids}) for ids in found if ids is not None)
-
-    def corners(one: Board) -> int:
-        detector = Detector(one)
-        return sum(len(found.ids) for grey in greys if (found := detector(grey)) is not None)
+    def count_corners(candidate: Board) -> int:
+        detector = Detector(candidate)
+        count = 0
+        for grey in greys:
+            corners = detector(grey)
+            if corners is not None:
+                count += len(corners.ids)
+        return count
 
     if any_dictionary:
-        board = replace(board, dictionary=max(dictionaries().items(), key=lambda item: (markers(item[1]), -item[1]))[0])
-    board = max((replace(board, legacy=legacy) for legacy in (False, True)), key=corners)
+        n_markers = (board.cols + 1) * (board.rows + 1) // 2
+        numbers = dictionaries()
+        # Of the dictionaries of a family, which begin with the same markers, the first.
+        names = sorted(numbers, key=lambda name: numbers[name])
+        best = max(names, key=lambda name: _count_markers(numbers[name], greys, n_markers))
+        board = replace(board, dictionary=best)
+    board = max(replace(board, legacy=False), replace(board, legacy=True), key=count_corners)
+    if not any_marker:
+        return board
     sizes = [replace(board, marker_m=share * board.square_m) for share in MARKER_SHARES]
-    return max(sizes, key=corners) if any_marker else board
+    return max(sizes, key=count_corners)
+
+
+def _count_markers(dictionary: int, greys: Sequence[U8], n_markers: int) -> int:
+    """Number of markers of a dictionary in the images, of those that the board can hold."""
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(dictionary))
+    count = 0
+    for grey in greys:
+        ids = detector.detectMarkers(grey)[1]
+        if ids is not None:
+            unique = np.unique(ids)
+            count += int((unique < n_markers).sum())
+    return count

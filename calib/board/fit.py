@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from scipy.optimize import approx_fprime, least_squares
 
-from calib.board.detect import SIDES, BoardView, Corners, Side
+from calib.board.detect import BoardView, Corners, Side
 from calib.camera import Camera, LensModel
 from calib.pose import SE3
 from calib.rig import StereoRig
@@ -44,24 +44,32 @@ class RigFit:
 
 def rms(errors: Iterable[F64]) -> float:
     """Root mean square length of the 2-vectors in several (..., 2) arrays; NaN without any."""
-    stacked = np.concatenate([np.empty((0, 2)), *(error.reshape(-1, 2) for error in errors)])
-    return float(np.sqrt((stacked**2).sum(axis=1).mean())) if len(stacked) else math.nan
+    vectors = np.concatenate([np.empty((0, 2)), *(error.reshape(-1, 2) for error in errors)])
+    if not len(vectors):
+        return math.nan
+    return float(np.sqrt((vectors**2).sum(axis=1).mean()))
 
 
 _POLYNOMIAL = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tx", "ty")
+_FISHEYE = ("k1", "k2", "k3", "k4")
 """Names of OpenCV's coefficients in their order."""
 
 
 def rig_parameters(rig: StereoRig) -> dict[str, float]:
     """Parameters of a rig by name, e.g. "left fx" [px], "rotation x" [rad], "translation z" and "baseline" [m]."""
-    named: list[tuple[str, Sequence[str], Iterable[float]]] = []
+    parameters = {}
     for side, camera in (("left", rig.left), ("right", rig.right)):
-        lens = ("k1", "k2", "k3", "k4") if camera.model == "fisheye" else _POLYNOMIAL
-        named += [(side, ("fx", "fy", "cx", "cy"), camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]])]
-        named += [(side, lens, camera.coefficients)]
-    named += [("rotation", "xyz", rig.right_SE3_left.rotvec), ("translation", "xyz", rig.right_SE3_left.translation)]
-    values = {f"{what} {name}": float(v) for what, names, held in named for name, v in zip(names, held, strict=False)}
-    return values | {"baseline": rig.baseline_m}
+        for name in ("fx", "fy", "cx", "cy"):
+            parameters[f"{side} {name}"] = float(getattr(camera, name))
+        names = _FISHEYE if camera.model == "fisheye" else _POLYNOMIAL
+        for name, value in zip(names, camera.coefficients.tolist(), strict=False):
+            parameters[f"{side} {name}"] = value
+    pose = rig.right_SE3_left
+    for what, vector in (("rotation", pose.rotvec), ("translation", pose.translation)):
+        for axis, value in zip("xyz", vector.tolist(), strict=True):
+            parameters[f"{what} {axis}"] = value
+    parameters["baseline"] = rig.baseline_m
+    return parameters
 
 
 MAX_VIEWS = 40
@@ -70,16 +78,22 @@ MAX_VIEWS = 40
 
 def sharpness(grey: U8, corners: Corners) -> float:
     """Median steepness of the edges at the corners, as a share of their contrast per pixel (1: perfectly sharp)."""
-    values = []
+    steepness = []
     half = 4  # [px]
     height, width = grey.shape
     for x, y in np.rint(corners.pixels).astype(int):
         patch = grey[max(0, y - half) : y + half + 1, max(0, x - half) : x + half + 1]
-        if 0 <= x < width and 0 <= y < height and min(patch.shape) >= 3:
-            smooth = cv2.GaussianBlur(patch, (3, 3), 0).astype(np.float64)
-            if contrast := float(np.ptp(smooth)):
-                values.append(max(np.abs(np.diff(smooth, axis=axis)).max() for axis in (0, 1)) / contrast)
-    return float(np.median(values)) if values else 0.0
+        is_inside = 0 <= x < width and 0 <= y < height
+        if not is_inside or min(patch.shape) < 3:
+            continue
+        smooth = cv2.GaussianBlur(patch, (3, 3), 0).astype(np.float64)
+        contrast = float(np.ptp(smooth))
+        if contrast == 0.0:
+            continue
+        down = np.abs(np.diff(smooth, axis=0)).max()
+        across = np.abs(np.diff(smooth, axis=1)).max()
+        steepness.append(max(down, across) / contrast)
+    return float(np.median(steepness)) if steepness else 0.0
 
 
 def select_views(
@@ -94,26 +108,33 @@ def select_views(
         return list(range(len(views)))
     # Frames less sharp than this share of the take's best tenth are moved or out of focus.
     floor = 0.6 * float(np.quantile(np.asarray(sharp), 0.9))
-    good = [i for i, value in enumerate(sharp) if value >= floor]
-    # (n, 8) where the left image shows the four outer corners of the board, visible or not [image widths].
-    flat = points[:, :2]
-    features = np.empty((len(views), 8))
-    (x0, y0), (x1, y1) = flat.min(axis=0), flat.max(axis=0)
-    ends = np.array([[[x0, y0], [x1, y0], [x1, y1], [x0, y1]]])
-    for i, view in enumerate(views):
-        homography, _ = cv2.findHomography(flat[view.ids], view.left)
-        features[i] = cv2.perspectiveTransform(ends, homography).ravel() / size[0]
-    taken = [max(good, key=lambda i: sharp[i])]
-    away = np.linalg.norm(features - features[taken[0]], axis=1)
-    while len(taken) < min(limit, len(good)):
-        best = max((i for i in good if i not in taken), key=lambda i: (float(away[i]), sharp[i]))
+    left = [i for i, value in enumerate(sharp) if value >= floor]
+    ends = _board_ends(views, points) / size[0]
+    distances = np.full(len(views), math.inf)
+    taken: list[int] = []
+    while left and len(taken) < limit:
+        best = max(left, key=lambda i: (float(distances[i]), sharp[i]))
+        left.remove(best)
         taken.append(best)
-        away = np.minimum(away, np.linalg.norm(features - features[best], axis=1))
+        distances = np.minimum(distances, np.linalg.norm(ends - ends[best], axis=1))
     return sorted(taken)
 
 
+def _board_ends(views: Sequence[BoardView], points: F64) -> F64:
+    """(n, 8) where the left image shows the four outer corners of the board, visible or not [px]."""
+    flat = points[:, :2]
+    x0, y0 = flat.min(axis=0)
+    x1, y1 = flat.max(axis=0)
+    ends = np.array([[[x0, y0], [x1, y0], [x1, y1], [x0, y1]]])
+    pixels = np.empty((len(views), 8))
+    for i, view in enumerate(views):
+        homography, _ = cv2.findHomography(flat[view.ids], view.left)
+        pixels[i] = cv2.perspectiveTransform(ends, homography).ravel()
+    return pixels
+
+
 opencv: Any = cv2
-"""Its type stubs know the argument types of one version only, and no empty camera matrix."""
+"""OpenCV without its type stubs, which have the argument types of one version only, and no empty camera matrix."""
 _MAX_ITERATIONS = 100
 REFIT_ITERATIONS = 20
 """Enough for a fit that starts near its optimum: with a few of the views left out."""
@@ -144,30 +165,34 @@ class Lens:
         k = np.asarray(matrix, dtype=np.float64)
         distortion = np.asarray(coefficients, dtype=np.float64).ravel()[: self.count]
         try:
-            return Camera(*size, k[0, 0], k[1, 1], k[0, 2], k[1, 2], self.model, tuple(map(float, distortion)))
+            return Camera(*size, k[0, 0], k[1, 1], k[0, 2], k[1, 2], self.model, tuple(distortion.tolist()))
         except ValueError as error:
             raise FitError(str(error)) from error
 
 
 def fit_camera(views: Sequence[BoardView], points: F64, side: Side, size: tuple[int, int], lens: Lens) -> Camera:
     """One camera from its own images of the board's (m, 3) points [m]. Raises FitError: no camera fits."""
-    fisheye = lens.model == "fisheye"
-    shown = _same_lengths(views) if fisheye else views
-    objects = _stacked([points[view.ids] for view in shown], fisheye)
-    pixels = _stacked([view.image_points(side) for view in shown], fisheye)
-    calibrate: Any = opencv.fisheye.calibrate if fisheye else opencv.calibrateCamera
+    is_fisheye = lens.model == "fisheye"
+    if is_fisheye:
+        views = _same_lengths(views)
+    objects = _opencv_arrays([points[view.ids] for view in views], is_fisheye)
+    pixels = _opencv_arrays([view.image_points(side) for view in views], is_fisheye)
+    calibrate: Any = opencv.fisheye.calibrate if is_fisheye else opencv.calibrateCamera
+    criteria = _criteria(_MAX_ITERATIONS)
     # First guesses of the focal length [image widths] where OpenCV's own, from vanishing points, leads nowhere.
     for share in (None, 0.4, 0.8, 1.6):
-        start: tuple[Any, Any] = None, None
+        matrix = None
+        distortion = None
         flags = lens.flags
         if share is not None:
             guess = Camera(*size, share * size[0], share * size[0], (size[0] - 1) / 2, (size[1] - 1) / 2)
-            start = guess.matrix, np.zeros(lens.count)
+            matrix = guess.matrix
+            distortion = np.zeros(lens.count)
             flags |= cv2.CALIB_USE_INTRINSIC_GUESS
         with suppress(cv2.error, FitError):
-            error, *found = calibrate(objects, pixels, size, *start, flags=flags, criteria=_criteria(_MAX_ITERATIONS))
-            if math.isfinite(error):
-                return lens.camera(size, *found[:2])
+            result = calibrate(objects, pixels, size, matrix, distortion, flags=flags, criteria=criteria)
+            if math.isfinite(result[0]):
+                return lens.camera(size, result[1], result[2])
     raise FitError(f"no {lens.name} camera fits the {side} images")
 
 
@@ -180,28 +205,30 @@ def fit_rig(
 ) -> RigFit:
     """Both cameras, the transform between them and all board poses together, from cameras to start with. Raises
     FitError: no rig fits."""
-    size = cameras[0].size
-    fisheye = lens.model == "fisheye"
-    shown = _same_lengths(views) if fisheye else views
-    given: tuple[Any, ...] = (
-        _stacked([points[view.ids] for view in shown], fisheye),
-        *(_stacked([view.image_points(side) for view in shown], fisheye) for side in SIDES),
-        *(value for camera in cameras for value in (camera.matrix, camera.coefficients)),
-        size,
-    )
-    flags = lens.flags | cv2.CALIB_USE_INTRINSIC_GUESS
+    left, right = cameras
+    size = left.size
+    is_fisheye = lens.model == "fisheye"
+    shown = _same_lengths(views) if is_fisheye else views
+    objects = _opencv_arrays([points[view.ids] for view in shown], is_fisheye)
+    left_pixels = _opencv_arrays([view.left for view in shown], is_fisheye)
+    right_pixels = _opencv_arrays([view.right for view in shown], is_fisheye)
+    start = (left.matrix, left.coefficients, right.matrix, right.coefficients)
+    data = (objects, left_pixels, right_pixels, *start, size)
+    how = {"flags": lens.flags | cv2.CALIB_USE_INTRINSIC_GUESS, "criteria": _criteria(max_iterations)}
     try:
-        if fisheye:
-            found: Any = opencv.fisheye.stereoCalibrate(*given, flags=flags, criteria=_criteria(max_iterations))
-            _, k1, d1, k2, d2, rotation, translation, rvecs, tvecs = found
+        if is_fisheye:
+            result: Any = opencv.fisheye.stereoCalibrate(*data, **how)
+            _, k1, d1, k2, d2, rotation, translation, rvecs, tvecs = result
         else:
-            found = opencv.stereoCalibrateExtended(*given, None, None, flags=flags, criteria=_criteria(max_iterations))
-            _, k1, d1, k2, d2, rotation, translation, _, _, rvecs, tvecs, _ = found
+            result = opencv.stereoCalibrateExtended(*data, None, None, **how)
+            _, k1, d1, k2, d2, rotation, translation, _, _, rvecs, tvecs, _ = result
         pose = SE3(np.asarray(rotation, dtype=np.float64), np.asarray(translation, dtype=np.float64).reshape(3))
     except (cv2.error, ValueError) as error:
         raise FitError(f"no pair of {lens.name} cameras fits the views") from error
     rig = StereoRig(lens.camera(size, k1, d1), lens.camera(size, k2, d2), pose)
-    poses = np.hstack([np.asarray(one, dtype=np.float64).reshape(-1, 3) for one in (rvecs, tvecs)])
+    turns = np.asarray(rvecs, dtype=np.float64).reshape(-1, 3)
+    shifts = np.asarray(tvecs, dtype=np.float64).reshape(-1, 3)
+    poses = np.hstack([turns, shifts])
     errors = tuple(view_errors(rig, view, points, pose) for view, pose in zip(views, poses, strict=True))
     if not all(np.isfinite(error).all() for error in errors):
         raise FitError("the fit puts corners behind a camera")
@@ -235,34 +262,39 @@ def standard_deviations(views: Sequence[BoardView], points: F64, fit: RigFit) ->
     free = values != 0.0  # the coefficients that the lens does not have are exactly 0
     information = np.zeros((free.sum(), free.sum()))
     squares = 0.0
-    n = -int(free.sum())
+    freedom = -int(free.sum())
     for view, pose, error in zip(views, fit.poses, fit.errors, strict=True):
-        jacobian = approx_fprime(
-            np.append(values, pose),
-            lambda v, view=view: view_errors(_rig_of(v[:-6], fit.rig), view, points, v[-6:]).ravel(),
-            1e-6,
-        )
-        of_rig = jacobian[:, :-6][:, free]
-        of_pose = jacobian[:, -6:]
-        left_over = of_rig - of_pose @ np.linalg.lstsq(of_pose, of_rig, rcond=None)[0]
+
+        def errors(values: F64, view: BoardView = view) -> F64:
+            return view_errors(_rig_from(values[:-6], fit.rig), view, points, values[-6:]).ravel()
+
+        jacobian = approx_fprime(np.append(values, pose), errors, 1e-6)
+        by_rig = jacobian[:, :-6][:, free]
+        by_pose = jacobian[:, -6:]
+        left_over = by_rig - by_pose @ np.linalg.lstsq(by_pose, by_rig, rcond=None)[0]
         information += left_over.T @ left_over
         squares += float((error**2).sum())
-        n += error.size - 6
+        freedom += error.size - 6
     covariance = np.zeros((len(values), len(values)))
-    covariance[np.ix_(free, free)] = np.linalg.pinv(information) * (squares / max(n, 1))
-    along = values[-3:] / np.linalg.norm(values[-3:])
-    variances = np.append(covariance.diagonal(), along @ covariance[-3:, -3:] @ along)
+    covariance[np.ix_(free, free)] = np.linalg.pinv(information) * (squares / max(freedom, 1))
+    translation = values[-3:]
+    along = translation / np.linalg.norm(translation)
+    baseline_variance = along @ covariance[-3:, -3:] @ along
+    variances = np.append(covariance.diagonal(), baseline_variance)
     return dict(zip(parameters, np.sqrt(variances).tolist(), strict=True))
 
 
-def _rig_of(values: F64, like: StereoRig) -> StereoRig:
+def _rig_from(values: F64, like: StereoRig) -> StereoRig:
     """The rig of ``rig_parameters``, without the baseline."""
     middle = (len(values) - 6) // 2
+    left = _camera_from(values[:middle], like.left)
+    right = _camera_from(values[middle:-6], like.left)
+    return StereoRig(left, right, SE3.from_rotvec(values[-6:-3], values[-3:]))
 
-    def camera(v: F64) -> Camera:
-        return replace(like.left, fx=v[0], fy=v[1], cx=v[2], cy=v[3], distortion=tuple(v[4:]))
 
-    return StereoRig(camera(values[:middle]), camera(values[middle:-6]), SE3.from_rotvec(values[-6:-3], values[-3:]))
+def _camera_from(values: F64, like: Camera) -> Camera:
+    fx, fy, cx, cy, *distortion = values
+    return replace(like, fx=fx, fy=fy, cx=cx, cy=cy, distortion=tuple(distortion))
 
 
 def _criteria(max_iterations: int) -> tuple[int, int, float]:
@@ -274,14 +306,17 @@ def _same_lengths(views: Sequence[BoardView]) -> list[BoardView]:
     """Views with equal numbers of corners, the first ones repeated where some are hidden, which OpenCV's fisheye
     calibration demands (opencv/opencv issues 6388 and 21748)."""
     longest = max(len(view.ids) for view in views)
-    repeats = [np.resize(np.arange(len(view.ids)), longest) for view in views]
-    return [BoardView(v.name, v.ids[i], v.left[i], v.right[i]) for v, i in zip(views, repeats, strict=True)]
+    filled = []
+    for view in views:
+        rows = np.resize(np.arange(len(view.ids)), longest)
+        filled.append(BoardView(view.name, view.ids[rows], view.left[rows], view.right[rows]))
+    return filled
 
 
-def _stacked(arrays: Sequence[F64], fisheye: bool) -> list[Any]:
+def _opencv_arrays(arrays: Sequence[F64], is_fisheye: bool) -> list[Any]:
     """Points per view in the shape and type that OpenCV takes: (1, n, k), float64 for a fisheye, else float32."""
-    kind = np.float64 if fisheye else np.float32
-    return [np.ascontiguousarray(array, dtype=kind).reshape(1, -1, array.shape[1]) for array in arrays]
+    dtype = np.float64 if is_fisheye else np.float32
+    return [np.ascontiguousarray(array, dtype=dtype).reshape(1, -1, array.shape[1]) for array in arrays]
 
 
 def _fisheye_flag(name: str) -> int:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from calib.board.detect import SIDES, Board, BoardView, Side
+from calib.board.detect import Board, BoardView, Side
 from calib.board.fit import (
     REFIT_ITERATIONS,
     FitError,
@@ -55,7 +55,8 @@ class LensChoice(NamedTuple):
 
 def fit_lens(views: Sequence[BoardView], points: F64, size: tuple[int, int], lens: Lens) -> RigFit:
     """A rig with this lens, from nothing but the views. Raises FitError: no rig fits."""
-    left, right = (fit_camera(views, points, side, size, lens) for side in SIDES)
+    left = fit_camera(views, points, "left", size, lens)
+    right = fit_camera(views, points, "right", size, lens)
     return fit_rig(views, points, (left, right), lens)
 
 
@@ -79,13 +80,14 @@ def compare_lenses(views: Sequence[BoardView], points: F64, fits: Mapping[Lens, 
     tried = []
     folds = min(FOLDS, len(views))
     for lens, full in fits.items():
+        cameras = (full.rig.left, full.rig.right)
         squares = []  # mean square errors [px^2] of every view by a rig fitted without its fold
         with suppress(FitError):  # a fold leaves too little to fit the lens to
-            for k in range(folds):
-                inside = [view for i, view in enumerate(views) if i % folds != k]
-                rig = fit_rig(inside, points, (full.rig.left, full.rig.right), lens, REFIT_ITERATIONS).rig
-                left_out = range(k, len(views), folds)
-                squares += [held_out_error(rig, views[i], points, full.poses[i]) for i in left_out]
+            for fold in range(folds):
+                inside = [view for i, view in enumerate(views) if i % folds != fold]
+                rig = fit_rig(inside, points, cameras, lens, REFIT_ITERATIONS).rig
+                for i in range(fold, len(views), folds):
+                    squares.append(held_out_error(rig, views[i], points, full.poses[i]))
             tried.append(LensChoice(lens, float(np.sqrt(np.mean(squares)))))
     if not tried:
         raise FitError("no lens model fits the views")
@@ -95,8 +97,8 @@ def compare_lenses(views: Sequence[BoardView], points: F64, fits: Mapping[Lens, 
 def choose_lens(tried: Sequence[LensChoice]) -> LensChoice:
     """The simplest lens that is no worse than the best by more than 1 % (less is chance, and 0.0005 of
     tangential distortion makes more)."""
-    best = min(one.held_out_px for one in tried)
-    return next(one for one in tried if one.held_out_px <= 1.01 * best)
+    best = min(choice.held_out_px for choice in tried)
+    return next(choice for choice in tried if choice.held_out_px <= 1.01 * best)
 
 
 MIN_PAIRS = 5
@@ -137,19 +139,19 @@ class BoardCalibration:
     @property
     def row_rms_px(self) -> float:
         """Rms difference of the rows of a corner in the rectified images [px]: what a matcher must bear."""
-        rows = []
-        for side, turn in zip(SIDES, self.rig.rectifying_rotations(), strict=True):
-            camera = self.rig.left if side == "left" else self.rig.right
-            rays = camera.unproject(np.concatenate([view.image_points(side) for view in self.views])) @ turn.T
-            rows.append(rays[:, 1] / rays[:, 2])
-        return float(np.sqrt(np.mean((rows[0] - rows[1]) ** 2))) * self.rig.left.fy
+        left_turn, right_turn = self.rig.rectifying_rotations()
+        left = self.rig.left.unproject(np.concatenate([view.left for view in self.views])) @ left_turn.T
+        right = self.rig.right.unproject(np.concatenate([view.right for view in self.views])) @ right_turn.T
+        differences = left[:, 1] / left[:, 2] - right[:, 1] / right[:, 2]
+        return float(np.sqrt(np.mean(differences**2))) * self.rig.left.fy
 
     def coverage_share(self, side: Side) -> float:
         """Share of 8 x 6 cells of the image that hold a corner."""
         u, v = np.concatenate([view.image_points(side) for view in self.views]).T
         width, height = self.rig.left.size
         limits = [(-0.5, width - 0.5), (-0.5, height - 0.5)]
-        return float((np.histogram2d(u, v, bins=(8, 6), range=limits)[0] > 0).mean())
+        counts = np.histogram2d(u, v, bins=(8, 6), range=limits)[0]
+        return float((counts > 0).mean())
 
 
 def solve_board(
@@ -172,11 +174,14 @@ def solve_board(
     """
     if len(views) < MIN_PAIRS:
         found = f"{len(views)} of {len(views) + len(rejected)}"
-        found += f", e.g. {rejected[0].name}: {rejected[0].why}" if rejected else ""
+        if rejected:
+            found += f", e.g. {rejected[0].name}: {rejected[0].why}"
         expected = f"at least {MIN_PAIRS} pairs that show a {board.name} in both images"
         raise InputError(f"{source}: expected {expected}, found {found}")
     _refuse_alike(views, 0.02 * size[0], source)
-    lenses = [one for one in (*LENSES, RATIONAL) if (one in LENSES if model is None else one.model == model)]
+    lenses = LENSES
+    if model is not None:
+        lenses = tuple(lens for lens in (*LENSES, RATIONAL) if lens.model == model)
     try:
         points = board.points
         out = list(rejected)
@@ -184,56 +189,66 @@ def solve_board(
         # Outliers are found with the simplest lens; a better one will fit better, but not three times better.
         base = next(iter(fits))
         _refuse_unfit(fits[base], size, source, slack=3.0)
-        _, kept = _without_outliers(fits[base], list(views), out, points, base, source)
-        fits = fits if len(kept) == len(views) else fit_lenses(kept, points, size, lenses)
-        tried = compare_lenses(kept, points, fits)
+        _, good = _leave_out_outliers(fits[base], list(views), out, points, base, source)
+        if len(good) < len(views):
+            fits = fit_lenses(good, points, size, lenses)
+        tried = compare_lenses(good, points, fits)
         lens = choose_lens(tried).lens
-        fit, kept = _without_outliers(fit_lens(kept, points, size, lens), kept, out, points, lens, source)
+        fit, good = _leave_out_outliers(fit_lens(good, points, size, lens), good, out, points, lens, source)
     except FitError as error:
         raise InputError(f"{source}: expected views of a flat board by two fixed cameras: {error}") from error
-    std = standard_deviations(kept, points, fit)
-    rig = _checked_rig(fit, std, size, source)
-    return BoardCalibration(rig, board, tuple(kept), replace(fit, rig=rig), std, tuple(out), tried)
+    std = standard_deviations(good, points, fit)
+    _refuse_unfit(fit, size, source)
+    _refuse_uncertain(fit.rig, std, source)
+    rig = replace(fit.rig, source=source)
+    if not MIN_BASELINE_M <= rig.baseline_m <= MAX_BASELINE_M:
+        found = f"{rig.baseline_m:g} m: is the size of a square right?"
+        raise InputError(f"{source}: expected a baseline of {MIN_BASELINE_M}-{MAX_BASELINE_M:g} m, found {found}")
+    rig = rig.check(source)
+    return BoardCalibration(rig, board, tuple(good), replace(fit, rig=rig), std, tuple(out), tried)
 
 
 def _refuse_alike(views: Sequence[BoardView], limit: float, source: str) -> None:
-    """Fewer than three clearly different board poses cannot determine a camera, however many images show them."""
+    """Refuse fewer than three clearly different board poses, which cannot determine a camera."""
     distinct: list[BoardView] = []
     for view in views:
-        if all(_apart(view, other) > limit for other in distinct):
+        if all(_distance(view, other) > limit for other in distinct):
             distinct.append(view)
     if len(distinct) < 3:
-        raise InputError(
-            f"{source}: expected the board in different places and tilts, found {len(distinct)} different "
-            f"pose{'s' if len(distinct) > 1 else ''} in {len(views)} views (corners within {limit:.0f} px)"
-        )
+        poses = f"{len(distinct)} different pose{'s' if len(distinct) > 1 else ''}"
+        found = f"{poses} in {len(views)} views (corners within {limit:.0f} px)"
+        raise InputError(f"{source}: expected the board in different places and tilts, found {found}")
 
 
-def _apart(one: BoardView, other: BoardView) -> float:
+def _distance(one: BoardView, other: BoardView) -> float:
     """Largest distance between the same corners of two left images; infinite when they share none."""
     _, i, j = np.intersect1d(one.ids, other.ids, return_indices=True)
-    # A chessboard's order is known up to half a turn, so that turned orders count as the same pose.
     if len(i) == 0:
         return math.inf
     a = one.left[i]
     b = other.left[j]
-    return float(min(np.linalg.norm(a - b, axis=1).max(), np.linalg.norm(a - b[::-1], axis=1).max()))
+    # A chessboard looks the same after half a turn: turned orders count as the same pose.
+    straight = np.linalg.norm(a - b, axis=1).max()
+    turned = np.linalg.norm(a - b[::-1], axis=1).max()
+    return float(min(straight, turned))
 
 
-def _without_outliers(
+def _leave_out_outliers(
     fit: RigFit, views: list[BoardView], out: list[RejectedView], points: F64, lens: Lens, source: str
 ) -> tuple[RigFit, list[BoardView]]:
     """Drop the worst view and fit again, until none stands out."""
     total = len(views)
     while True:
-        each = fit.view_rms_px()
-        worst = int(np.argmax(each))
-        median = float(np.median(each))
+        errors_px = fit.view_rms_px()
+        worst = int(np.argmax(errors_px))
+        worst_px = float(errors_px[worst])
+        median_px = float(np.median(errors_px))
         # An outlier has 2.5 times the median rms of all views (good ones differ by up to 1.6) and more than 0.3 px:
         # corners are found no better than 0.1 to 0.3 px.
-        if each[worst] <= max(2.5 * median, 0.3):
+        if worst_px <= max(2.5 * median_px, 0.3):
             return fit, views
-        why = f"reprojection error {each[worst]:.2f} px, {each[worst] / median:.0f} times the median of {median:.2f} px"
+        times = f"{worst_px / median_px:.0f} times the median of {median_px:.2f} px"
+        why = f"reprojection error {worst_px:.2f} px, {times}"
         out.append(RejectedView(views[worst].name, why))
         views = views[:worst] + views[worst + 1 :]
         # When more views than this disagree, nothing shows which half is right.
@@ -251,17 +266,11 @@ def _refuse_unfit(fit: RigFit, size: tuple[int, int], source: str, slack: float 
         raise InputError(f"{source}: expected pairs taken at the same moment by two fixed cameras, found {found}")
 
 
-def _checked_rig(fit: RigFit, std: dict[str, float], size: tuple[int, int], source: str) -> StereoRig:
-    _refuse_unfit(fit, size, source)
-    for side in SIDES:
-        focal_px = getattr(fit.rig, side).fx
+def _refuse_uncertain(rig: StereoRig, std: Mapping[str, float], source: str) -> None:
+    """Refuse views that do not determine the focal lengths."""
+    for side, camera in (("left", rig.left), ("right", rig.right)):
         std_px = std[f"{side} fx"]
         # Relative standard deviation above which the views do not determine it (depth errs as much).
-        if std_px > 0.02 * focal_px:
-            found = f"{focal_px:.0f} +- {std_px:.0f} px: tilt the board more, towards all sides"
+        if std_px > 0.02 * camera.fx:
+            found = f"{camera.fx:.0f} +- {std_px:.0f} px: tilt the board more, towards all sides"
             raise InputError(f"{source}: expected views that determine the {side} focal length, found {found}")
-    rig = replace(fit.rig, source=source)
-    if not MIN_BASELINE_M <= rig.baseline_m <= MAX_BASELINE_M:
-        found = f"{rig.baseline_m:g} m: is the size of a square right?"
-        raise InputError(f"{source}: expected a baseline of {MIN_BASELINE_M}-{MAX_BASELINE_M:g} m, found {found}")
-    return rig.check(source)
