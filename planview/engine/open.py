@@ -21,7 +21,7 @@ from planview.tracking.base import ImageTracker, Needs, Tracker, refuse_tracker
 from planview.tracking.detections import BoxTracker, DetectionTracker
 from planview.tracking.joint import JointTracker
 from planview.tracking.template import TemplateTracker
-from planview.trajectories.boxes import Detections, load_detections
+from planview.trajectories.detections import Detections, load_detections
 from stereo.matcher import Matcher
 from stereo.readers import OpenOptions, holds_pair, open_any, open_video
 from stereo.readers.open import SeveralSensors, is_multi_rig, open_rigs

@@ -18,7 +18,7 @@ from planview.tracking import body, odds
 from planview.tracking.base import Decision, Existence, LifeCycle, Needs, Observation, TrackerDebug
 from planview.tracking.kalman import FloorKalman
 from planview.tracking.matching import best_pairs, common_areas, overlaps
-from planview.trajectories.boxes import Detections
+from planview.trajectories.detections import Detections
 from planview.trajectories.state import TrackState
 
 FORGOTTEN = 0.05

@@ -5,21 +5,22 @@ from __future__ import annotations
 import math
 import re
 import warnings
-from itertools import takewhile
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from calib.errors import InputError
 from calib.io import UNITS_M, expecting
 from calib.times import NS, UNITS, seconds_of
-from calib.types import F64
+from calib.types import F64, I64
 from planview.trajectories.file import TrajectoryFile, checked_rate
 from planview.trajectories.table import (
     HEIGHTS_M,
     after_one_another,
     recording_numbers,
     renumbered,
+    rows_by_id,
     separators,
     table_of,
 )
@@ -41,6 +42,7 @@ _NAMES = {
     "visible": "vis(ible|ibility)?",
 }  # fmt: skip
 """What programs call the columns of trajectories, in lower case and without units, blanks and signs."""
+_COLUMNS = {"time": "timestamp_s", "x": "x_m", "y": "y_m", "z": "height_m"}
 LABORATORY_FPS = 16.0
 LABORATORY_SPAN_CM = 100.0
 """Of the laboratory experiments of Juelich, whose rows no line names: frame rate, and how far people walk at least."""
@@ -50,28 +52,38 @@ DAY_S = 86400.0
 """Times that begin later are those of a clock, such as seconds since 1970."""
 
 
-Columns = dict[str, tuple[int, float | None]]
-"""Places of id, frame, time, x, y, z and visible in a row, and their units in metres or seconds, None where they name
-none."""
+class Column(NamedTuple):
+    """The place of a column in a row, and its unit in metres or seconds, None where it names none."""
+
+    place: int
+    unit: float | None = None
 
 
-def columns_of(text: str) -> tuple[int, Columns] | None:
+def columns_of(text: str) -> tuple[int, dict[str, Column]] | None:
     """The first line, from 0, that names an id, a frame or time, x and y, and the columns it names. It may be a comment
     and name units, e.g. "# frame id x/cm y/cm" or "ped_id;time_ms;X_world [m];Y_world [m]"."""
     for number, line in enumerate(text.splitlines()):
-        found: Columns = {}
-        line = re.sub(r"\s+(?=[(\[])", "", line.strip(" \t#%"))
-        for place, cell in enumerate(re.split(r"[;,\t]" if re.search(r"[;,\t]", line) else r"\s+", line)):
-            # Viswalk begins its names with "$PEDESTRIAN:", Vadere ends them with "-PID1".
-            cell = re.sub(r"^\$\w+:|-PID\d+$", "", cell.strip(" \"'"))
-            unit = _UNIT.search(cell)
-            plain = re.sub(r"[\s_.-]", "", _UNIT.sub("", cell)).lower()
-            role = next((role for role, names in _NAMES.items() if re.fullmatch(names, plain)), None)
-            if role and (role not in found or "world" in plain):  # the image may have x and y, too
-                found[role] = place, _UNITS[unit[1].lower()] if unit else None
-        if {"id", "x", "y"} <= found.keys() and found.keys() & {"frame", "time"}:
-            return number, found
+        columns = _named_columns(line)
+        if {"id", "x", "y"} <= columns.keys() and columns.keys() & {"frame", "time"}:
+            return number, columns
     return None
+
+
+def _named_columns(line: str) -> dict[str, Column]:
+    columns: dict[str, Column] = {}
+    line = re.sub(r"\s+(?=[(\[])", "", line.strip(" \t#%"))
+    separator = r"[;,\t]" if re.search(r"[;,\t]", line) else r"\s+"
+    for place, cell in enumerate(re.split(separator, line)):
+        # Viswalk begins its names with "$PEDESTRIAN:", Vadere ends them with "-PID1".
+        name = re.sub(r"^\$\w+:|-PID\d+$", "", cell.strip(" \"'"))
+        unit = _UNIT.search(name)
+        plain = re.sub(r"[\s_.-]", "", _UNIT.sub("", name)).lower()
+        for role, pattern in _NAMES.items():
+            is_first = role not in columns or "world" in plain  # the image may have x and y, too
+            if is_first and re.fullmatch(pattern, plain):
+                columns[role] = Column(place, _UNITS[unit[1].lower()] if unit else None)
+                break
+    return columns
 
 
 def read_rows(path: Path, start: str) -> TrajectoryFile:
@@ -79,66 +91,85 @@ def read_rows(path: Path, start: str) -> TrajectoryFile:
 
     Comments give the frame rate, and the unit where names have none; simulations, which have times for frames, are in
     metres. Rows without names are what fits best. A z of 0 or less, or none, is no height."""
-    comments = "".join(takewhile(lambda line: line[0] == "#" or not line.strip(), start.splitlines(keepends=True)))
+    comments = re.match(r"(?:[ \t\r]*\n|#.*\n?)*", start)[0]  # type: ignore[index]
     header, columns = columns_of(start) or (-1, {})
-    rows = [line for line in start.splitlines()[header + 1 :] if line.strip() and line[0] not in "#*"] or [""]
+    table = _read_numbers(path, start, header + 1, columns)
+    rate_text = _RATE.search(comments)
+    rate = checked_rate(path, rate_text[1]) if rate_text else None
+    unit_text = _STATED.search(comments)
+    unit = _LENGTHS[unit_text[1].lower()] if unit_text else None
+    note = ""
+    if not columns:
+        columns = dict.fromkeys(_order(table)[: table.shape[1]], Column(0))
+        note = f"no line names the columns: taken as {' '.join(columns)}"
+        if not comments.strip():
+            unit = METRES["m"]
+            note += ", metres"
+            if _is_laboratory(table):
+                unit = METRES["cm"]
+                rate = LABORATORY_FPS
+                note = note.replace("metres", f"centimetres, {rate:g} frames per second")
+    unit = columns["x"].unit or unit
+    if unit is None:
+        if "frame" in columns:
+            raise InputError(
+                f"{path}: expected the unit of x and y in their names or a comment (x/m or x/cm), found none"
+            )
+        unit = METRES["m"]
+    cells = {}
+    for (role, column), values in zip(columns.items(), table.T, strict=False):
+        if role in ("x", "y", "z"):
+            values = values * (column.unit or unit)
+        elif role == "time":
+            values = values * column.unit if column.unit not in (None, 1.0) else seconds_of(path, values)
+        cells[_COLUMNS.get(role, role)] = values
+    if "z" in columns:
+        cells["height_m"] = np.where(cells["height_m"] > 0, cells["height_m"], np.nan)
+    if "frame" in cells:
+        return TrajectoryFile(table_of(cells, path), rate, note=note)
+    return _by_time(path, cells)
+
+
+def _read_numbers(path: Path, start: str, first: int, columns: dict[str, Column]) -> F64:
+    """(N, M) numbers of the columns, or of all where none is named, from a line of the file on; dates are seconds."""
+    rows = [line for line in start.splitlines()[first:] if line.strip() and line[0] not in "#*"] or [""]
+    if columns and not re.search(r"\d", rows[0]):
+        first += 1  # Pathfinder's line of units
     between, decimal = separators(rows[0])
+
+    def number(text: str) -> float:
+        if ":" in text:
+            return float(seconds_of(path, np.array([text]))[0])
+        return float(text.replace(decimal, "."))
+
     expected = f"rows of {' '.join(columns) or 'id frame x y z'}"
-    times, time_unit = columns.get("time", (-1, None))
-    dates = ":" in (re.split(between, rows[0])[times : times + 1] or [""])[0]
-    with (
-        expecting(path, expected, OSError, ValueError),
-        warnings.catch_warnings(),
-        path.open(encoding="utf-8-sig") as lines,
-    ):
+    with expecting(path, expected, OSError, ValueError), warnings.catch_warnings():
         # A file with nothing but comments is an empty table.
         warnings.filterwarnings("ignore", "loadtxt: input contained no data")
         table = np.loadtxt(
-            lines if decimal == "." else (line.replace(decimal, ".") for line in lines),
-            comments="*" if start.startswith("$") else "#", delimiter=between if between in rows[0] else None,
-            skiprows=header + 1 + (header >= 0 and re.search(r"\d", rows[0]) is None),  # Pathfinder's line of units
-            usecols=[place for place, _ in columns.values()] or None,
-            ndmin=2, dtype=np.float64, quotechar='"',
-            converters={times: lambda text: float(seconds_of(path, np.array([text]))[0])} if dates else None,
+            path, comments="*" if start.startswith("$") else "#", delimiter=between if between in rows[0] else None,
+            skiprows=first, usecols=[column.place for column in columns.values()] or None, ndmin=2, quotechar='"',
+            encoding="utf-8-sig", converters=number,
         )  # fmt: skip
-    table = table if len(table) else np.empty((0, len(columns) or 5))
+    if not len(table):
+        return np.empty((0, len(columns) or 5))
     if table.shape[1] < 4:
         raise InputError(f"{path}: expected the columns id frame x y z, found {table.shape[1]} columns")
-    rate = checked_rate(path, found[1]) if (found := _RATE.search(comments)) else None
-    unit = _LENGTHS[found[1].lower()] if (found := _STATED.search(comments)) else None
-    note = ""
-    if not columns:
-        columns = dict.fromkeys(_order(table)[: table.shape[1]], (0, None))
-        note = f"no line names the columns: taken as {' '.join(columns)}"
-        if not comments.strip():
-            unit, rate = (METRES["cm"], LABORATORY_FPS) if _is_laboratory(table) else (METRES["m"], None)
-            note += f", centimetres, {rate:g} frames per second" if rate else ", metres"
-    if "frame" not in columns:
-        unit = unit or METRES["m"]
-    if unit is None and None in (columns["x"][1], columns["y"][1]):
-        raise InputError(f"{path}: expected the unit of x and y in their names or a comment (x/m or x/cm), found none")
-    units = {"id": 1.0, "frame": 1.0, "time": 1.0, "visible": 1.0}
-    named = zip(columns.items(), table.T, strict=False)
-    values = {name: cells * (own or units.get(name, unit)) for (name, (_, own)), cells in named}
-    if time_unit in (None, 1.0) and "time" in values:
-        values["time"] = seconds_of(path, values["time"])
-    names = {"time": "timestamp_s", "x": "x_m", "y": "y_m", "z": "height_m"}
-    cells = {names.get(name, name): column for name, column in values.items()}
-    if "z" in values:
-        cells["height_m"] = np.where(values["z"] > 0, values["z"], np.nan)
-    return TrajectoryFile(table_of(cells, path), rate, note=note) if "frame" in cells else _by_time(path, cells)
+    return table
 
 
 def _order(table: F64) -> tuple[str, ...]:
     """What (N, 4 or more) rows without names hold: ids are those by which people move least from row to row."""
+    if _usual_step(table, 1, 0) < _usual_step(table, 0, 1):
+        return ("frame", "id", "x", "y", "z")
+    return ("id", "frame", "x", "y", "z")
 
-    def step(ids: F64, frames: F64) -> float:
-        order = np.lexsort((frames, ids))
-        moved = np.hypot(*np.diff(table[order, 2:4], axis=0).T)[np.diff(ids[order]) == 0]
-        return float(np.median(moved)) if len(moved) else math.inf
 
-    exchanged = step(table[:, 1], table[:, 0]) < step(table[:, 0], table[:, 1])
-    return (*(("frame", "id") if exchanged else ("id", "frame")), "x", "y", "z")
+def _usual_step(table: F64, ids: int, frames: int) -> float:
+    """How far people move from row to row if these are the columns of ids and frames."""
+    rows = table[np.lexsort((table[:, frames], table[:, ids]))]
+    steps = np.hypot(np.diff(rows[:, 2]), np.diff(rows[:, 3]))[np.diff(rows[:, ids]) == 0]
+    return float(np.median(steps)) if len(steps) else math.inf
 
 
 def _is_laboratory(table: F64) -> bool:
@@ -152,9 +183,8 @@ def _is_laboratory(table: F64) -> bool:
 def write_petrack(path: Path, file: TrajectoryFile, unit: str = "m") -> None:
     """Rows with known positions by id, then frame, to 0.1 mm in a unit, "m" or "cm"; an unknown height is ``nan``."""
     table = file.table
-    order = np.lexsort((table.frame, table.track_id))
-    values = np.column_stack([table.x_m, table.y_m, table.height_m])[order] / METRES[unit]
-    rows: F64 = np.column_stack([table.track_id[order], table.frame[order], values])
+    values = np.column_stack([table.x_m, table.y_m, table.height_m]) / METRES[unit]
+    rows: F64 = np.column_stack([table.track_id, table.frame, values])[np.lexsort((table.frame, table.track_id))]
     digits = "%.4f" if unit == "m" else "%.2f"
     header = f"# framerate: {file.fps:g} fps\n# id frame x/{unit} y/{unit} z/{unit}"
     np.savetxt(path, rows, ["%d", "%d", digits, digits, digits], header=header, comments="")
@@ -163,40 +193,44 @@ def write_petrack(path: Path, file: TrajectoryFile, unit: str = "m") -> None:
 def _by_time(path: Path, columns: dict[str, F64]) -> TrajectoryFile:
     """Columns with times in place of frames; the time between a person's gives the frames, and where it is uneven
     (Vadere writes footsteps), everything is interpolated."""
-    recording = recording_numbers(columns["timestamp_s"], columns["id"])
+    track_id = columns["id"].astype(np.int64)
+    times_s = columns["timestamp_s"]
+    notes = []
+    recording = recording_numbers(times_s, track_id)
     if recording.any():
         # Each of them begins a second after the end of the one before.
-        times_s = after_one_another(columns["timestamp_s"], recording, 1.0)
-        ids = renumbered(columns["id"].astype(np.int64), recording)
-        columns = columns | {"timestamp_s": times_s, "id": ids.astype(np.float64)}
-    others = [name for name in columns if name not in ("id", "timestamp_s")]
-    rows = np.column_stack([columns[name] for name in ("id", "timestamp_s", *others)])
-    rows = rows[np.lexsort((rows[:, 1], rows[:, 0]))]
-    steps = np.diff(rows[:, 1])[np.diff(rows[:, 0]) == 0]
-    if not (np.isfinite(rows[:, :2]).all() and (steps > 0).any()):
+        times_s = after_one_another(times_s, recording, 1.0)
+        track_id = renumbered(track_id, recording)
+        notes.append(f"times begin again: {recording.max() + 1} recordings, whose people have ids of their own")
+    order = np.lexsort((times_s, track_id))
+    ids = track_id[order]
+    times_s = times_s[order]
+    steps_s = np.diff(times_s)[np.diff(ids) == 0]
+    if not (np.isfinite(times_s).all() and (steps_s > 0).any()):
         raise InputError(f"{path}: expected people at several times, found none")
-    (begin_s, span_s), note = (float(rows[:, 1].min()), float(np.ptp(rows[:, 1]))), ""
-    if recording.any():
-        note = f"times begin again: {recording.max() + 1} recordings, whose people have ids of their own"
+    span_s = float(np.ptp(times_s))
+    begin_s = float(times_s.min())
     if begin_s > DAY_S:
-        note = f"times begin at {begin_s:.0f} s: frame 0 is then"
-        rows[:, 1] -= begin_s
-    period_s = span_s / round(span_s / float(np.median(steps[steps > 0])))  # steps are rounded
-    frames = rows[:, 1] / period_s
+        notes = [f"times begin at {begin_s:.0f} s: frame 0 is then"]
+        times_s = times_s - begin_s
+    period_s = span_s / round(span_s / float(np.median(steps_s[steps_s > 0])))  # steps are rounded
+    others = {name: values[order] for name, values in columns.items() if name not in ("id", "timestamp_s")}
+    frames = times_s / period_s
     if (np.abs(frames - np.round(frames)) > 0.1).any():
-        uneven = f"times are uneven: positions are interpolated to {RATE_HZ:g} frames per second"
-        note = "; ".join(filter(None, (note, uneven)))
+        notes.append(f"times are uneven: positions are interpolated to {RATE_HZ:g} frames per second")
         period_s = 1 / RATE_HZ
-        rows = np.concatenate([_even(rows[rows[:, 0] == i]) for i in np.unique(rows[:, 0])])
-        frames = rows[:, 1] / period_s
-    even = dict(zip(("id", "timestamp_s", *others), rows.T, strict=True)) | {"frame": np.round(frames)}
-    del even["timestamp_s"]  # from frames
-    return TrajectoryFile(table_of(even, path), 1 / period_s, note=note)
+        ids, frames, others = _even_rows(ids, times_s, others)
+    rows = {"id": ids, "frame": np.round(frames), **others}
+    return TrajectoryFile(table_of(rows, path), 1 / period_s, note="; ".join(notes))
 
 
-def _even(rows: F64) -> F64:
-    """(M, N) rows of one person at even times, from rows that begin with id and time, by time."""
-    frames = np.arange(np.ceil(rows[0, 1] * RATE_HZ - 1e-9), np.floor(rows[-1, 1] * RATE_HZ + 1e-9) + 1)
-    times = frames / RATE_HZ
-    others = [np.interp(times, rows[:, 1], column) for column in rows[:, 2:].T]
-    return np.column_stack([np.full(len(times), rows[0, 0]), times, *others])
+def _even_rows(ids: I64, times_s: F64, columns: dict[str, F64]) -> tuple[I64, F64, dict[str, F64]]:
+    """Ids, frames and columns at RATE_HZ, from those of rows by id, then by time."""
+    parts = []
+    for track_id, rows in rows_by_id(ids):
+        walk_s = times_s[rows]
+        frames = np.arange(np.ceil(walk_s[0] * RATE_HZ - 1e-9), np.floor(walk_s[-1] * RATE_HZ + 1e-9) + 1)
+        even = [np.interp(frames / RATE_HZ, walk_s, values[rows]) for values in columns.values()]
+        parts.append(np.column_stack([np.full(len(frames), track_id), frames, *even]))
+    table = np.concatenate(parts)
+    return table[:, 0].astype(np.int64), table[:, 1], dict(zip(columns, table[:, 2:].T, strict=True))

@@ -38,7 +38,7 @@ from planview.output.report.snapshots import read_decision_log
 from planview.output.run_folder import read_object
 from planview.studies.study import load_study
 from planview.synthetic.scene import load_scene
-from planview.trajectories.boxes import load_detections
+from planview.trajectories.detections import load_detections
 from planview.trajectories.file import TrajectoryFile
 from planview.trajectories.formats import FORMATS as EXPORTS
 from planview.trajectories.formats import ExportName, load_file

@@ -43,7 +43,7 @@ from planview.tracking.human_model.model_map import HumanModelMapParams, build_m
 from planview.tracking.human_model.tracker import HumanModelTracker
 from planview.tracking.joint import JointTracker
 from planview.tracking.template import TemplateTracker
-from planview.trajectories.boxes import Detections
+from planview.trajectories.detections import Detections
 from stereo.matcher import Matcher
 
 RULES = (

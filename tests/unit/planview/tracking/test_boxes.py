@@ -10,7 +10,7 @@ import pytest
 from planview.tracking.base import Observation
 from planview.tracking.detections import BoxTracker
 from planview.tracking.matching import overlaps
-from planview.trajectories.boxes import Detections
+from planview.trajectories.detections import Detections
 from planview.trajectories.state import TrackState
 
 FPS = 10.0

@@ -12,7 +12,7 @@ from calib.types import F64
 from planview.tracking.base import LifeCycle, Observation
 from planview.tracking.detections import DetectionParams, DetectionTracker
 from planview.tracking.kalman import FloorKalman
-from planview.trajectories.boxes import Detections, load_detections
+from planview.trajectories.detections import Detections, load_detections
 from planview.trajectories.state import TrackState
 from tests.human_model_world import CAMERA
 

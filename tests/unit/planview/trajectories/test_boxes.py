@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
-from planview.trajectories.boxes import Detections, load_detections
+from planview.trajectories.detections import Detections, load_detections
 from planview.trajectories.formats import load_file, load_tracks, load_truth
 from planview.trajectories.table import IGNORED
 

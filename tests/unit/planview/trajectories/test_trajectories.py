@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from calib.errors import InputError
-from planview.trajectories.boxes import load_detections
+from planview.trajectories.detections import load_detections
 from planview.trajectories.file import Region, TrajectoryFile, limited, measured_rate, region_of
 from planview.trajectories.formats import (
     FORMATS,
