@@ -30,7 +30,7 @@ from calib.types import F32, I32, U8, AnyArray
 from calib.world import MAX_AWAY_M, refuse_strange_pose
 from planview.maps.grid import MAX_CELLS, FloorRig, Grid
 from planview.maps.view import CODES, NO_DEPTH, View
-from planview.trajectories.layouts import SIGNATURE, opened
+from planview.trajectories.hdf5 import SIGNATURE, open_hdf5
 from stereo.depth import RectifiedGeometry
 from stereo.matcher import DisparityRange
 from stereo.recording import Frame, OpenOptions, Skipped
@@ -115,7 +115,7 @@ class MapsRecording:
         of another version."""
         self.path = path
         self.files = (path,)
-        with _reading(path), opened(path) as file:
+        with _reading(path), open_hdf5(path) as file:
             _check_version(path, file)
             self.sensor = RecordedViews(_read_rig(file), str(file.attrs["config"]))
             self.fps = _number(file.attrs["fps"], "fps", 1e-3, 1e4)
@@ -140,7 +140,7 @@ class MapsRecording:
 
     def __iter__(self) -> Iterator[Frame[RecordedPoints]]:
         """Every frame in order. Raises InputError: points that are damaged or outside the image."""
-        with _reading(self.path), opened(self.path) as file:
+        with _reading(self.path), open_hdf5(self.path) as file:
             for first in range(0, self.n_frames, BLOCK_FRAMES):
                 last = min(first + BLOCK_FRAMES, self.n_frames)
                 parts = {name: _split(file[name], ends, first, last) for name, ends in self._ends_of(file).items()}

@@ -21,6 +21,7 @@ from planview.trajectories import layouts, rows
 from planview.trajectories.boxes import named_columns, read_motchallenge, write_motchallenge
 from planview.trajectories.clock import Clock
 from planview.trajectories.file import TrajectoryFile, checked_rate, measured_rate, surrounding_area
+from planview.trajectories.hdf5 import SIGNATURE
 from planview.trajectories.identities import with_ids_judged, with_paths_apart
 from planview.trajectories.table import (
     Trajectories,
@@ -32,7 +33,7 @@ from planview.trajectories.table import (
 )
 
 BINARY = {
-    layouts.SIGNATURE: layouts.read_ped_data_archive,
+    SIGNATURE: layouts.read_ped_data_archive,
     b"SQLite format 3\x00": layouts.read_jupedsim,
     b"PAR1": layouts.read_parquet,
 }
