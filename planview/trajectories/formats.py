@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import gzip
 import re
 import warnings
@@ -84,24 +85,23 @@ def _load(path: Path, truth: bool) -> TrajectoryFile:
     for magic, reader in BINARY.items():
         if start.startswith(magic):
             return reader(path)
-    first = start.split(b"\n")[0]
     try:
-        line = first.decode("utf-8-sig", "ignore" if len(first) == _FIRST_LINE else "strict")
+        text = codecs.getincrementaldecoder("utf-8-sig")().decode(start)
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: expected text in UTF-8, found another encoding, such as UTF-16 of Excel") from error
-    text = start.decode("utf-8-sig", "ignore")
-    is_table = re.match(r"\s*[-+.\deE]+(?=[\s,;]|$)", line) is not None
+    line = text.split("\n")[0]
     if line.startswith("["):
         raise InputError(f"{path}: expected a table or JSON lines, found a JSON list: write an object for each frame")
     if line.startswith("{"):
         return layouts.read_jsonl(path)
     if named_columns(line) or not start:
         return read_motchallenge(path, truth=truth)
-    is_ours = {"frame", "id", "x_m", "y_m"} <= {name.strip('" \r') for name in re.split("[,;\t]", line)}
-    is_short = is_table and len(re.split(r"[\s,;]+", line.strip())) < 6
-    if not is_ours and (is_short or line.startswith("#") or rows.columns_of(text)):
+    cells = re.split(r"[\s,;]+", line.strip())
+    are_numbers = re.fullmatch(r"[-+.\deE]+", cells[0]) is not None
+    is_ours = {"frame", "id", "x_m", "y_m"} <= {name.strip('"') for name in cells}
+    if not is_ours and (line.startswith("#") or (are_numbers and len(cells) < 6) or rows.columns_of(text)):
         return rows.read_rows(path, text)
-    if is_table:
+    if are_numbers:
         return read_motchallenge(path, truth=truth)
     return TrajectoryFile(read_truth(path) if truth else read_tracks(path))
 
@@ -219,26 +219,35 @@ def tracks_file(path: Path) -> Path:
 def sequence_rate(truth: Path) -> float | None:
     """Frames per second in the seqinfo.ini of a MOTChallenge sequence, next to its truth or a folder above; None
     without one. Raises InputError: no rate in it."""
-    file, values = _seqinfo(truth)
-    return checked_rate(file, values["framerate"]) if values.get("framerate") else None
+    rate = _seqinfo(truth).get("framerate")
+    return checked_rate(truth, rate) if rate else None
 
 
 def sequence_size(truth: Path) -> tuple[int, int] | None:
     """(width, height) of the images [px] in the seqinfo.ini of a sequence; None where it does not give them."""
-    width, height = (_seqinfo(truth)[1].get(key, "") for key in ("imwidth", "imheight"))
+    values = _seqinfo(truth)
+    width = values.get("imwidth", "")
+    height = values.get("imheight", "")
     return (int(width), int(height)) if width.isdecimal() and height.isdecimal() else None
 
 
-def _seqinfo(truth: Path) -> tuple[Path, dict[str, str]]:
-    """The seqinfo.ini of a truth, and its values by their keys in lower case; none without it."""
-    file = next((folder / "seqinfo.ini" for folder in truth.parents[:2] if (folder / "seqinfo.ini").is_file()), truth)
-    text = read_text(file, "seqinfo.ini") if file != truth else ""
-    return file, {key.lower(): value for key, value in re.findall(r"(?m)^\s*(\w+)\s*=\s*(.*?)\s*$", text)}
+def _seqinfo(truth: Path) -> dict[str, str]:
+    """The values in the seqinfo.ini of a truth by their keys in lower case; none without it."""
+    for folder in truth.parents[:2]:
+        file = folder / "seqinfo.ini"
+        if file.is_file():
+            lines = re.findall(r"(?m)^\s*(\w+)\s*=\s*(.*?)\s*$", read_text(file, "seqinfo.ini"))
+            return {key.lower(): value for key, value in lines}
+    return {}
 
 
 def truth_file(folder: Path) -> Path | None:
     """The truth in the folder of a recording; None where there is none."""
-    return next((folder / name for name in _TRUTH_FILES if (folder / name).is_file()), None)
+    return _first_file(folder, _TRUTH_FILES)
+
+
+def _first_file(folder: Path, names: tuple[str, ...]) -> Path | None:
+    return next((folder / name for name in names if (folder / name).is_file()), None)
 
 
 def file_pairs(tracks: Path, truth: Path) -> list[FilePair]:
@@ -248,24 +257,29 @@ def file_pairs(tracks: Path, truth: Path) -> list[FilePair]:
     or ``gt/gt.txt``; tracks may also lie in a folder ``data`` (MOTChallenge results). Tracks without truth are left
     out. Raises InputError: a truth without tracks, or no truth at all.
     """
-    own_truth = truth_file(truth) or truth
-    if not own_truth.is_dir():
-        return [FilePair("", tracks_file(tracks), own_truth)]
-    truths = _by_name(truth, _TRUTH_FILES)
-    found = _by_name(tracks / "data" if (tracks / "data").is_dir() else tracks, ("tracks.csv",))
+    single = truth_file(truth) or truth
+    if not single.is_dir():
+        return [FilePair("", tracks_file(tracks), single)]
+    truths = _files_by_name(truth, _TRUTH_FILES)
     if not truths:
         raise InputError(f"{truth}: expected truth.csv, gt.txt or folders with them, found none")
-    missing = [name for name in truths if name not in found]
-    if missing:
-        raise InputError(f"{tracks}: expected tracks for {missing[0]!r} of {truth}, found {', '.join(found) or 'none'}")
-    return [FilePair(name, found[name], path) for name, path in truths.items()]
+    results = tracks / "data" if (tracks / "data").is_dir() else tracks
+    tables = _files_by_name(results, ("tracks.csv",))
+    pairs = []
+    for name, file in truths.items():
+        if name not in tables:
+            raise InputError(f"{tracks}: expected tracks for {name!r} of {truth}, found {', '.join(tables) or 'none'}")
+        pairs.append(FilePair(name, tables[name], file))
+    return pairs
 
 
-def _by_name(folder: Path, inside: tuple[str, ...]) -> dict[str, Path]:
+def _files_by_name(folder: Path, inside: tuple[str, ...]) -> dict[str, Path]:
+    """The tables of a folder, and the first of some files in each folder in it."""
     if not folder.is_dir():
         raise InputError(f"{folder}: expected a folder, since the truth is one, found none")
-    files = {entry.stem: entry for entry in entries(folder) if entry.is_file() and entry.suffix in _TABLES}
-    for entry in filter(Path.is_dir, entries(folder)):
-        if first := next((entry / name for name in inside if (entry / name).is_file()), None):
-            files[entry.name] = first
+    files = {}
+    for entry in entries(folder):
+        file = _first_file(entry, inside) if entry.is_dir() else entry
+        if file is not None and (entry.is_dir() or entry.suffix in _TABLES):
+            files[entry.name if entry.is_dir() else entry.stem] = file
     return files

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import csv
-import math
 import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -15,7 +13,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 
 from calib.errors import InputError
-from calib.io import expecting, reason, require_file
+from calib.io import expecting, require_file
 from calib.times import doubts, is_time, period_of, run_on, seconds_of
 from calib.types import F64, I64, AnyArray, Bool
 from planview.trajectories.state import TrackState
@@ -32,6 +30,7 @@ TRACK_COLUMNS = (
 )  # fmt: skip
 DECIMALS = (None, 4, None, *[4] * 5, None, *[1] * 5, 3, 4, 4)
 """Of each column as it is written: 0.1 mm, 0.1 ms, 0.1 px, 0.1 degrees, 0.01 or 0.1 %; None where it is no fraction."""
+_ROW = ",".join("%s" if decimals is None else f"%.{decimals}f" for decimals in DECIMALS) + "\n"
 NUMBER_COLUMNS = tuple(name for name in TRACK_COLUMNS if name != "state")
 COLUMNS = (*TRACK_COLUMNS, "visible")
 BOX_COLUMNS = TRACK_COLUMNS[9:13]
@@ -55,40 +54,49 @@ def table_of(columns: Mapping[str, Any] | DataFrame, source: Path | str) -> Traj
     """A table of columns named as in ``tracks.csv``, and "visible", with rows in any order; a column that is missing is
     unknown, and rows without a state are "confirmed". Messages name their source. Raises InputError: no frame, id, x_m
     or y_m, values that are not what a column holds, or two rows of one frame and id."""
-    for name in ("frame", "id", "x_m", "y_m"):
+    for name in TRUTH_COLUMNS[:4]:
         if name not in columns:
             raise InputError(f"{source}: expected the column {name!r}, found {', '.join(map(str, columns)) or 'none'}")
-    known = {name: np.asarray(columns[name]) for name in COLUMNS if name in columns}
-    if "timestamp_s" in known:
-        known["timestamp_s"] = seconds_of(source, known["timestamp_s"])
-    names = *NUMBER_COLUMNS, "visible"
+    cells = {name: np.asarray(columns[name]) for name in COLUMNS if name in columns}
+    if "timestamp_s" in cells:
+        cells["timestamp_s"] = seconds_of(source, cells["timestamp_s"])
+    unknown = np.full(len(cells["frame"]), np.nan)
     with expecting(source, "numbers in the columns of tracks", TypeError, ValueError, OverflowError):
-        unknown = np.full(len(known["frame"]), np.nan)
-        numbers = np.stack([np.asarray(known.get(name, unknown), dtype=np.float64) for name in names])
-    frames, timestamp_s, ids, x_m, y_m, vx_mps, vy_mps, height_m, *others, visible = numbers
-    given = known.get("state", unknown).astype(np.str_)
-    states = np.where(np.isin(given, ("nan", "None")), "confirmed", given)
-    if foreign := set(states.tolist()) - set(STATES):
-        raise InputError(f"{source}: expected a state of {', '.join(STATES)}, found {min(foreign)!r}")
-    keys = np.stack([frames, ids])
-    if len(odd := keys[~((np.abs(keys) <= KEY_MAX) & (keys == np.round(keys)))]):
-        raise InputError(f"{source}: expected whole numbers up to {KEY_MAX} for frame and id, found {odd[0]:g}")
+        number = {name: np.array(cells.get(name, unknown), np.float64) for name in (*NUMBER_COLUMNS, "visible")}
+    state = cells.get("state", unknown).astype(np.str_)
+    state[np.isin(state, ("nan", "None"))] = "confirmed"
+    visible = number["visible"]
     visible[np.isnan(visible)] = 1.0
-    if len(odd := visible[(visible != IGNORED) & ~((visible >= 0) & (visible <= 1))]):
-        raise InputError(f"{source}: expected shares of 0 to 1 in the column 'visible', found {odd[0]:g}")
+    keys = np.stack([number["frame"], number["id"]])
+    _refuse_values(keys, state, visible, source)
     frame, track_id = _recordings_apart(keys.astype(np.int64), source)
-    box_px = np.column_stack(others[:4])
-    velocity_mps = np.column_stack([vx_mps, vy_mps])
+    box_px = np.column_stack([number[name] for name in BOX_COLUMNS])
+    velocity_mps = np.column_stack([number["vx_mps"], number["vy_mps"]])
     rows = Trajectories(
-        frame, track_id, timestamp_s, x_m, y_m, height_m, states.astype("<U9"), visible, box_px, velocity_mps,
-        *others[4:],
+        frame, track_id, number["timestamp_s"], number["x_m"], number["y_m"], number["height_m"], state.astype("<U9"),
+        visible, box_px, velocity_mps, number["facing_deg"], number["facing_confidence"], number["confidence"],
+        number["std_m"],
     )  # fmt: skip
     table = rows.where(np.lexsort((track_id, frame)))
-    twice = (np.diff(table.frame) == 0) & (np.diff(table.track_id) == 0)
-    if twice.any():
-        where = f"frame {table.frame[1:][twice][0]}, id {table.track_id[1:][twice][0]}"
+    is_repeated = (np.diff(table.frame) == 0) & (np.diff(table.track_id) == 0)
+    if is_repeated.any():
+        second = 1 + np.argmax(is_repeated)
+        where = f"frame {table.frame[second]}, id {table.track_id[second]}"
         raise InputError(f"{source}: expected one row per frame and id, found two for {where}")
     return table
+
+
+def _refuse_values(keys: F64, state: WordColumn, visible: F64, source: Path | str) -> None:
+    """Refuse (2, N) frames and ids, states and shares that none can have."""
+    foreign = set(state.tolist()) - set(STATES)
+    if foreign:
+        raise InputError(f"{source}: expected a state of {', '.join(STATES)}, found {min(foreign)!r}")
+    odd = keys[~((np.abs(keys) <= KEY_MAX) & (keys % 1 == 0))]
+    if len(odd):
+        raise InputError(f"{source}: expected whole numbers up to {KEY_MAX} for frame and id, found {odd[0]:g}")
+    odd = visible[(visible != IGNORED) & ~((visible >= 0) & (visible <= 1))]
+    if len(odd):
+        raise InputError(f"{source}: expected shares of 0 to 1 in the column 'visible', found {odd[0]:g}")
 
 
 def _recordings_apart(keys: I64, source: Path | str) -> I64:
@@ -153,61 +161,66 @@ def separators(text: str) -> tuple[str, str]:
 def _read(file: Path | str, required: Sequence[str], what: str) -> Trajectories:
     path = Path(file)
     require_file(path, f"a {what} file")
-    missing: list[str] = []
-    between = ","
-    decimal = "."
-    try:
-        first, *rows = path.read_text(encoding="utf-8-sig").split("\n")
-        between, decimal = separators(first + "".join(rows[:1]))
-        names = next(csv.reader([first], delimiter=between), [])
-        if missing := [name for name in required if name not in names]:
+    with expecting(path, f"a {what} file", OSError, ValueError, csv.Error):
+        header, *rows = path.read_text(encoding="utf-8-sig").split("\n")
+        between, decimal = separators(header + "".join(rows[:1]))
+        names = next(csv.reader([header], delimiter=between), [])
+        missing = [name for name in required if name not in names]
+        if missing:
             raise InputError(f"{path}: expected a {what} file with the column {missing[0]!r}, found {names}")
         kinds = {name: "U16" if name == "state" else "f8" for name in COLUMNS if name in names}
         if "timestamp_s" in kinds and ":" in rows[0]:  # dates
             kinds["timestamp_s"] = "U40"
         kinds.setdefault(names[-1], "U1")  # a row that is cut short lacks its last cell at least
-        empty = re.compile(f"{between}(?= *({between}|$))")
-        # With a separator before it the first cell is one like the others. Pandas takes half a second to import.
-        filled = [empty.sub(f"{between}nan", between + row.replace(decimal, ".")) for row in rows if row.strip()]
-        cells = np.empty(0, [*kinds.items()])
-        if filled:
-            places = [1 + names.index(name) for name in kinds]
-            cells = np.loadtxt(filled, cells.dtype, None, between, usecols=places, ndmin=1, quotechar='"')
-        return table_of({name: cells[name] for name in COLUMNS if name in kinds}, path)
-    except (OSError, ValueError, csv.Error, InputError) as error:
-        if not missing and (fault := _first_fault(path, between, decimal)):
-            raise InputError(f"{path}: {fault}") from error
-        if isinstance(error, InputError):
+        try:
+            cells = _read_cells([row.replace(decimal, ".") for row in rows if row.strip()], names, kinds, between)
+            return table_of({name: cells[name] for name in COLUMNS if name in kinds}, path)
+        except (ValueError, InputError):
+            _refuse_first_fault(path, between, decimal)
             raise
-        raise InputError(f"{path}: expected a {what} file, found {reason(error)}") from error
 
 
-def _first_fault(path: Path, between: str, decimal: str) -> str:
-    """The first row of a table that is cut short or has a cell that is not what its column holds; empty where there is
-    none."""
-    with suppress(OSError, UnicodeDecodeError, csv.Error), path.open(encoding="utf-8-sig", newline="") as file:
+def _read_cells(rows: Sequence[str], names: Sequence[str], kinds: dict[str, str], between: str) -> AnyArray:
+    """(N,) cells of rows by name, of columns of different kinds, as numpy reads them; pandas takes half a second to
+    import."""
+    if not rows:
+        return np.empty(0, [*kinds.items()])
+    empty = re.compile(f"{between}(?= *({between}|$))")
+    # With a separator before it the first cell is one like the others.
+    filled = [empty.sub(f"{between}nan", between + row) for row in rows]
+    places = [1 + names.index(name) for name in kinds]
+    return np.loadtxt(filled, [*kinds.items()], None, between, usecols=places, ndmin=1, quotechar='"')
+
+
+def _refuse_first_fault(path: Path, between: str, decimal: str) -> None:
+    """Raise InputError for the first row of a table that is cut short or has a cell that is not what its column
+    holds."""
+    with path.open(encoding="utf-8-sig", newline="") as file:
         reader = csv.reader(file, delimiter=between)
         names = next(reader, [])
         for row in filter(None, reader):
+            line = reader.line_num
             if len(row) < len(names):
-                return f"expected {len(names)} cells in line {reader.line_num}, found fewer"
+                raise InputError(f"{path}: expected {len(names)} cells in line {line}, found fewer")
             for name, cell in zip(names, row, strict=False):
-                if expected := _expected(name, cell.strip().replace(decimal, ".")):
-                    return f"expected {expected}, line {reader.line_num}, found {cell!r}"
-    return ""
+                expected = _expected(name, cell.strip().replace(decimal, "."))
+                if expected:
+                    raise InputError(f"{path}: expected {expected}, line {line}, found {cell!r}")
 
 
 def _expected(name: str, cell: str) -> str:
     """What a cell should be; empty where it is."""
+    if not cell or name not in COLUMNS:
+        return ""
     if name == "state":
-        return "" if cell in ("", *STATES) else f"a state of {', '.join(STATES)}"
+        return "" if cell in STATES else f"a state of {', '.join(STATES)}"
     if name == "timestamp_s" and is_time(cell):
         return ""
     try:
-        whole = float(cell or "nan") % 1 == 0 or name not in ("frame", "id")
+        number = float(cell)
     except ValueError:
-        return f"a number in {name!r}" if name in COLUMNS else ""
-    return "" if whole else f"a whole number in {name!r}"
+        return f"a number in {name!r}"
+    return f"a whole number in {name!r}" if name in ("frame", "id") and number % 1 else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,13 +292,13 @@ class Trajectories:
         """A pandas DataFrame with the columns of ``tracks.csv`` (``TRACK_COLUMNS``), a row per person and frame."""
         import pandas
 
-        states = pandas.Series(self.state, dtype="str")
-        box = self.box_px.T
-        velocity = self.velocity_mps.T
-        place = self.x_m, self.y_m, *velocity, self.height_m
-        last = (getattr(self, name) for name in LAST_COLUMNS)
-        columns = (self.frame, self.timestamp_s, self.track_id, *place, states, *box, *last)
-        table = pandas.DataFrame(dict(zip(TRACK_COLUMNS, columns, strict=True)))
+        columns: dict[str, Any] = {"frame": self.frame, "timestamp_s": self.timestamp_s, "id": self.track_id}
+        columns |= {"x_m": self.x_m, "y_m": self.y_m, "height_m": self.height_m}
+        columns |= zip(("vx_mps", "vy_mps"), self.velocity_mps.T, strict=True)
+        columns |= zip(BOX_COLUMNS, self.box_px.T, strict=True)
+        columns |= {name: getattr(self, name) for name in LAST_COLUMNS}
+        columns["state"] = pandas.Series(self.state, dtype="str")
+        table = pandas.DataFrame(columns, columns=list(TRACK_COLUMNS))
         table.attrs = {name: getattr(self, name) for name in WHOLE_FIELDS}
         return table
 
@@ -300,10 +313,13 @@ def positions_table(
     box_px: F64 | None = None, visible: F64 | None = None,
 ) -> Trajectories:  # fmt: skip
     """A table of confirmed rows from arrays of length N; what is not given is unknown."""
-    columns = {"frame": frame, "id": track_id, "x_m": xy_m[:, 0], "y_m": xy_m[:, 1], "height_m": height_m}
-    columns |= {"timestamp_s": timestamp_s, "visible": visible}
-    columns |= {} if box_px is None else dict(zip(BOX_COLUMNS, box_px.T, strict=True))
-    return table_of({name: values for name, values in columns.items() if values is not None}, "tracks")
+    columns: dict[str, Any] = {"frame": frame, "id": track_id, "x_m": xy_m[:, 0], "y_m": xy_m[:, 1]}
+    if box_px is not None:
+        columns |= zip(BOX_COLUMNS, box_px.T, strict=True)
+    for name, values in (("height_m", height_m), ("timestamp_s", timestamp_s), ("visible", visible)):
+        if values is not None:
+            columns[name] = values
+    return table_of(columns, "tracks")
 
 
 def concatenated(tables: Sequence[Trajectories]) -> Trajectories:
@@ -325,18 +341,17 @@ def write_header(file: IO[str]) -> None:
     file.write(",".join(TRACK_COLUMNS) + "\n")
 
 
-def _row(frame: int, timestamp_s: float, track: TrackState) -> tuple[Any, ...]:
+def _cells(frame: int, timestamp_s: float, track: TrackState) -> tuple[Any, ...]:
     """The cells of TRACK_COLUMNS."""
     place = track.x_m, track.y_m, track.vx_mps, track.vy_mps, track.height_m
-    last = (getattr(track, name) for name in LAST_COLUMNS)
+    last = track.facing_deg, track.facing_confidence, track.confidence, track.std_m
     return frame, timestamp_s, track.track_id, *place, track.state, *track.box_px, *last
 
 
 def write_rows(file: IO[str], frame: int, timestamp_s: float, tracks: Sequence[TrackState]) -> None:
     """Append one frame's tracks; an unknown value is an empty cell."""
     for track in tracks:
-        cells = zip(_row(frame, timestamp_s, track), DECIMALS, strict=True)
-        file.write(",".join(str(c) if n is None else "" if math.isnan(c) else f"{c:.{n}f}" for c, n in cells) + "\n")
+        file.write((_ROW % _cells(frame, timestamp_s, track)).replace("nan", ""))
 
 
 def write_table(file: IO[str], table: Trajectories) -> None:
@@ -349,28 +364,32 @@ def write_table(file: IO[str], table: Trajectories) -> None:
 
 def row_states(table: Trajectories, rows: slice) -> list[TrackState]:
     """Rows as a tracker gave them."""
-    columns = (table.track_id, table.state, table.x_m, table.y_m, *table.velocity_mps.T, table.height_m)
-    numbers = [column[rows].tolist() for column in columns]
-    last = [getattr(table, name)[rows].tolist() for name in LAST_COLUMNS]
-    return [TrackState(*cells) for cells in zip(*numbers, map(tuple, table.box_px[rows].tolist()), *last, strict=True)]
+    boxes = list(map(tuple, table.box_px[rows].tolist()))
+    before = (table.track_id, table.state, table.x_m, table.y_m, *table.velocity_mps.T, table.height_m)
+    after = (table.facing_deg, table.facing_confidence, table.confidence, table.std_m)
+    first = [column[rows].tolist() for column in before]
+    last = [column[rows].tolist() for column in after]
+    return [TrackState(*cells) for cells in zip(*first, boxes, *last, strict=True)]
 
 
 class TrajectoryCollector:
     """Gathers tracks in memory, with the values that ``write_rows`` and ``read_tracks`` would give."""
 
     def __init__(self) -> None:
-        self._rows: list[list[Any]] = []
+        self._rows: list[tuple[Any, ...]] = []
 
     def add(self, frame: int, timestamp_s: float, tracks: Sequence[TrackState]) -> None:
         """Take one frame's tracks; every (frame, id) once."""
-        for track in tracks:
-            cells = zip(_row(frame, timestamp_s, track), DECIMALS, strict=True)
-            self._rows.append([c if n is None or math.isnan(c) else round(c, n) for c, n in cells])
+        self._rows += [_cells(frame, timestamp_s, track) for track in tracks]
 
     def trajectories(self) -> Trajectories:
         """Everything gathered so far, rounded as in ``tracks.csv`` (DECIMALS)."""
-        columns = zip(*self._rows, strict=True) if self._rows else [()] * len(TRACK_COLUMNS)
-        return table_of(dict(zip(TRACK_COLUMNS, columns, strict=True)), "tracks")
+        columns: dict[str, list[Any]] = {}
+        for name, decimals, *cells in zip(TRACK_COLUMNS, DECIMALS, *self._rows, strict=True):
+            columns[name] = cells
+            if decimals is not None:
+                columns[name] = [round(cell, decimals) for cell in cells]
+        return table_of(columns, "tracks")
 
 
 def read_tracks(path: Path | str) -> Trajectories:
@@ -421,27 +440,33 @@ def ordinal(number: int) -> str:
 def doubt(table: Trajectories) -> str:
     """What no people are or do, in a sentence: of another unit, rate or order of columns; empty where there is none.
     A table without times is taken as one of two frames per second at least."""
-    known = table.where((table.state == "confirmed") & np.isfinite(table.x_m) & np.isfinite(table.y_m))
-    ids = len(np.unique(known.track_id))
-    frames = len(np.unique(known.frame))
+    placed = table.where((table.state == "confirmed") & np.isfinite(table.x_m) & np.isfinite(table.y_m))
+    n_ids = len(np.unique(placed.track_id))
+    n_frames = len(np.unique(placed.frame))
     heights = list[float]()
     speeds = list[float]()
-    found = list[str]()
-    times = known.frame * frame_period_s(known, PERSON_S)
-    for _, rows in rows_by_id(known.track_id):
-        rows = rows[np.unique(times[rows] // PERSON_S, return_index=True)[1]]  # longer than positions flicker
-        sizes = known.height_m[rows][np.isfinite(known.height_m[rows])]
-        heights += [float(np.median(sizes))] if len(sizes) else []
-        steps = np.hypot(np.diff(known.x_m[rows]), np.diff(known.y_m[rows])) / np.diff(times[rows])
-        speeds += [float(np.median(steps))] if len(steps) else []
-    for values, (low, high), unit in ((heights, HEIGHTS_M, "m tall"), (speeds, (0.0, FASTEST_MPS), "m/s fast")):
-        if odd := [value for value in values if not low <= value <= high]:
-            found.append(f"{len(odd)} of {ids} people would be {np.median(odd):.3g} {unit}")
-    if ids > 1 and (span := max(np.ptp(known.x_m), np.ptp(known.y_m))) < SPAN_MIN_M:
-        found.append(f"all {ids} people would be within {span:.2g} m")
-    if frames > 1 and ids > IDS_PER_FRAME_MAX * frames:
-        found.append(f"{ids} people would pass in {frames} frames")
-    return f"{', '.join(found)}: another unit, frame rate or order of columns?" if found else ""
+    times_s = placed.frame * frame_period_s(placed, PERSON_S)
+    for _, rows in rows_by_id(placed.track_id):
+        apart = rows[np.unique(times_s[rows] // PERSON_S, return_index=True)[1]]  # longer than positions flicker
+        sizes = placed.height_m[apart]
+        sizes = sizes[np.isfinite(sizes)]
+        if len(sizes):
+            heights.append(float(np.median(sizes)))
+        if len(apart) > 1:
+            steps_m = np.hypot(np.diff(placed.x_m[apart]), np.diff(placed.y_m[apart]))
+            speeds.append(float(np.median(steps_m / np.diff(times_s[apart]))))
+    doubts = list[str]()
+    for values, low, high, unit in ((heights, *HEIGHTS_M, "m tall"), (speeds, 0.0, FASTEST_MPS, "m/s fast")):
+        odd = [value for value in values if not low <= value <= high]
+        if odd:
+            doubts.append(f"{len(odd)} of {n_ids} people would be {np.median(odd):.3g} {unit}")
+    if n_ids > 1:
+        span_m = max(np.ptp(placed.x_m), np.ptp(placed.y_m))
+        if span_m < SPAN_MIN_M:
+            doubts.append(f"all {n_ids} people would be within {span_m:.2g} m")
+    if n_frames > 1 and n_ids > IDS_PER_FRAME_MAX * n_frames:
+        doubts.append(f"{n_ids} people would pass in {n_frames} frames")
+    return f"{', '.join(doubts)}: another unit, frame rate or order of columns?" if doubts else ""
 
 
 def is_person(confirmed_s: F64) -> Bool:
