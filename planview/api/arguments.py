@@ -14,7 +14,7 @@ from calib.params import Params, first_problem
 from planview.engine.config import Config, config_of, load_config
 from planview.output.run_folder import RunFolder
 from planview.trajectories.formats import load_tracks, tracks_file
-from planview.trajectories.identities import with_ids_judged
+from planview.trajectories.identities import judge_ids
 from planview.trajectories.table import Trajectories
 from stereo.readers import OpenOptions
 
@@ -101,7 +101,7 @@ def table_of(tracks: Trajectories | DataFrame) -> Trajectories:
             found = type(tracks).__name__
             raise InputError(f"expected a table (Trajectories or DataFrame), a file or a folder, found {found}")
         tracks = Trajectories.from_dataframe(tracks)
-    table, notes = with_ids_judged(tracks)
+    table, notes = judge_ids(tracks)
     for note in notes:
         warnings.warn(note, stacklevel=3)
     return table

@@ -28,7 +28,7 @@ from planview.output.folder import folder_lock, unfinished_note, write_result
 from planview.output.run_folder import RunFolder
 from planview.trajectories.boxes import refuse_outside
 from planview.trajectories.clock import Clock
-from planview.trajectories.file import TrajectoryFile, limited
+from planview.trajectories.file import TrajectoryFile, limit
 from planview.trajectories.formats import (
     FilePair,
     file_pairs,
@@ -255,7 +255,7 @@ def count(
         raise InputError(f"expected a time greater than 0 s, found {window}", argument="window")
     path = tracks_file(Path(tracks)) if isinstance(tracks, Path | str) else None
     file = load_file(path) if path is not None else TrajectoryFile(table_of(tracks))
-    found = limited(file, region, ignore).table
+    found = limit(file, region, ignore).table
     run = path and RunFolder.around(path)
     clock = Clock(file.table, fps or (run.info.fps if run else None))
     plane = _plane(path_of(camera), path_of(rig), run or None)

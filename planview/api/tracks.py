@@ -15,8 +15,8 @@ from planview.api.arguments import one_of, opening, path_of, table_of
 from planview.offline.refine import Refined
 from planview.output.finished import EditedRun, edit_run, refine_run, undo_edits
 from planview.output.run_folder import RunFolder
-from planview.trajectories.file import TrajectoryFile, limited, region_of, warn_of
-from planview.trajectories.formats import FORMATS, ExportName, load_file, prepared, tracks_file, write_file
+from planview.trajectories.file import TrajectoryFile, limit, region_of, warn_of
+from planview.trajectories.formats import FORMATS, ExportName, load_file, prepare_export, tracks_file, write_file
 from planview.trajectories.layouts import stream_jsonl
 from planview.trajectories.rows import METRES
 from planview.trajectories.table import Trajectories, people_of
@@ -200,11 +200,11 @@ def export(
     file = tracks_file(source) if source is not None else None
     walkable = region_of(area, "area=") if area else None
     run = RunFolder.around(source) if source is not None else None
-    found = limited(load_file(file) if file is not None else TrajectoryFile(table_of(tracks)), region, ignore)
+    found = limit(load_file(file) if file is not None else TrajectoryFile(table_of(tracks)), region, ignore)
     if not len(found.table) and run is not None:
         found = replace(found, fps=found.fps or run.info.fps)
     try:
-        written = prepared(found, to, fps=fps, area=walkable.wkt if walkable else None, lost=lost)
+        written = prepare_export(found, to, fps=fps, area=walkable.wkt if walkable else None, lost=lost)
     except InputError as error:
         raise error if file is None or str(file) in str(error) else error.about(str(file)) from error
     if walkable is not None:

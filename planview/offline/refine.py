@@ -24,7 +24,7 @@ from planview.tracking.joint.ranges import JointParams
 from planview.tracking.kalman import FloorKalman
 from planview.trajectories.clock import USUAL_FPS, Clock
 from planview.trajectories.ends import track_numbers
-from planview.trajectories.table import Trajectories, concatenated, rows_by_id
+from planview.trajectories.table import Trajectories, concatenate, rows_by_id
 
 POSITION_STD_M = 0.05
 """Deviation of a position in the tracks [m]: about a cell of the plan-view map."""
@@ -110,7 +110,7 @@ def refine(tracks: Trajectories) -> Refined:
         path, change = _smoothed_path(chain)
         parts.append(path)
         changes.append(change)
-    refined = concatenated(parts) if parts else tracks
+    refined = concatenate(parts) if parts else tracks
     if untimed:
         refined = replace(refined, timestamp_s=np.full(len(refined), np.nan))
     return Refined(refined, sorted(changes, key=lambda c: (c.first_frame, c.track_id, c.kind)))
@@ -139,7 +139,7 @@ def _join_tracks(tracks: Sequence[Trajectories]) -> tuple[list[Trajectories], li
         changes.append(_join_change(int(tracks[person].track_id[0]), before, track, log_odds))
     people: list[Trajectories] = []
     for chain in chains.values():
-        path = concatenated(chain)
+        path = concatenate(chain)
         people.append(replace(path, track_id=np.full(len(path), chain[0].track_id[0])))
     return people, changes
 

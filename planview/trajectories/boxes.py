@@ -171,7 +171,7 @@ def box_columns(table: F64, path: Path, *, truth: bool = False) -> tuple[dict[st
 
 
 class _Rest(NamedTuple):
-    """What stands behind the boxes of N rows; NaN where nothing does.
+    """The cells behind the boxes of N rows; NaN where there are none.
 
     Attributes:
         benchmark: whose truth looks like this.
@@ -187,7 +187,7 @@ class _Rest(NamedTuple):
 
 
 def _read_rest(table: F64) -> _Rest:
-    """What the columns from the seventh on hold, by their values."""
+    """The columns from the seventh on, told apart by their values."""
     more = table[:, 6:]
     width = more.shape[1]
     unknown = np.full(len(table), np.nan)
@@ -223,7 +223,7 @@ def _read_rest(table: F64) -> _Rest:
 
 
 def _are_classes(column: F64) -> bool:
-    """Whether all are whole numbers from -1, for unknown, and not all of them unknown."""
+    """True if all are whole numbers from -1, for unknown, and not all of them are unknown."""
     return bool((column % 1 == 0).all() and column.min() >= -1 and column.max() >= 0)
 
 
@@ -240,15 +240,15 @@ def people_among(classes: Iterable[float]) -> tuple[int, ...]:
     return (0,) if 0 in set(classes) else (1,)
 
 
-def left_out(people: Iterable[float], others: AnyArray, where: str) -> str:
+def left_out_note(people: Iterable[float], others: AnyArray, where: str) -> str:
     """A sentence on the classes of a file; empty where all rows show people."""
     if not len(others):
         return ""
-    return f"class {listed_numbers(people)} in {where} is people; class {listed_numbers(others)} is left out"
+    return f"class {number_list(people)} in {where} is people; class {number_list(others)} is left out"
 
 
 def _people_of_classes(rest: _Rest, classes: F64, path: Path, truth: bool) -> tuple[Bool, F64, str]:
-    """Which rows count, their unoccluded fraction, and what was left out."""
+    """(N,) mask of the rows that count, their unoccluded fraction, and a sentence on the others."""
     named = _people_in_labels(path)
     is_truth = truth and rest.benchmark != ""
     usual = people_among(classes)
@@ -261,16 +261,16 @@ def _people_of_classes(rest: _Rest, classes: F64, path: Path, truth: bool) -> tu
     if is_truth:
         is_person &= rest.score == 1
     if not is_person.any():
-        listed = listed_numbers(np.unique(classes))
-        expected = f"rows of people (class {listed_numbers(people)} in {rest.where})"
+        listed = number_list(np.unique(classes))
+        expected = f"rows of people (class {number_list(people)} in {rest.where})"
         if is_truth:
-            expected = f"truth rows that count (flag 1, class {listed_numbers(people)}: person)"
-            listed += f", flags {listed_numbers(np.unique(rest.score))}"
+            expected = f"truth rows that count (flag 1, class {number_list(people)}: person)"
+            listed += f", flags {number_list(np.unique(rest.score))}"
         raise InputError(f"{path}: expected {expected}, found class {listed}")
     if is_truth and not named:
         excuses = np.isin(classes, DISTRACTORS if rest.benchmark == "MOT16" else ())
         return is_person | excuses, np.where(excuses, IGNORED, rest.visible), ""
-    return is_person, rest.visible, left_out(people, np.setdiff1d(classes, people), rest.where)
+    return is_person, rest.visible, left_out_note(people, np.setdiff1d(classes, people), rest.where)
 
 
 def _people_in_labels(path: Path) -> tuple[int, ...]:
@@ -282,7 +282,7 @@ def _people_in_labels(path: Path) -> tuple[int, ...]:
     return tuple(number for number, name in names if NAMES.search(name))
 
 
-def listed_numbers(values: Iterable[float]) -> str:
+def number_list(values: Iterable[float]) -> str:
     shown = [f"{value:g}" for value in values]
     return ", ".join(shown[:8]) + (f" and {len(shown) - 8} more" if len(shown) > 8 else "")
 

@@ -17,9 +17,9 @@ from planview.trajectories.boxes import (
     FROM_ZERO,
     box_columns,
     finite_rows,
-    left_out,
-    listed_numbers,
+    left_out_note,
     motchallenge_rows,
+    number_list,
     people_among,
     refuse_misread,
     refuse_outside,
@@ -94,7 +94,7 @@ class Detections:
         return self.frames[frame] if 0 <= frame < len(self.frames) else np.empty((0, 5))
 
     def looked(self, frame: int) -> bool:
-        """Whether a frame without boxes shows that nobody was found in it."""
+        """False where a frame without boxes does not show that nobody is there."""
         return self.step == 1 or len(self.at(frame)) > 0
 
     def of_frames(self, frames: int) -> Detections:
@@ -192,8 +192,8 @@ def _read_coco(path: Path) -> tuple[F64, list[str]]:
     people = people_among(categories)
     is_person = np.isin(table[:, 6], people)
     if len(table) and not is_person.any():
-        raise InputError(f"{path}: expected boxes of category 1 (people), found category {listed_numbers(categories)}")
-    note = left_out(people, np.setdiff1d(categories, people), "category_id")
+        raise InputError(f"{path}: expected boxes of category 1 (people), found category {number_list(categories)}")
+    note = left_out_note(people, np.setdiff1d(categories, people), "category_id")
     if people == (0,) and not note:
         note = "class 0 in category_id is people"
     return table[is_person, :6], [note, odd]

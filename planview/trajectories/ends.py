@@ -1,4 +1,4 @@
-"""Where a track ends: rows of one id are one walk only as far as somebody can have walked it."""
+"""The end of a track: rows of one id are one walk only as far as somebody can have walked it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def is_jump(step_s: float, moved_m: float) -> bool: ...
 @overload
 def is_jump(step_s: F64, moved_m: F64) -> Bool: ...
 def is_jump(step_s: Any, moved_m: Any) -> Any:
-    """Whether nobody can have walked so far in this time; of numbers, or of arrays."""
+    """True where nobody can have walked so far in this time; of numbers, or of arrays."""
     return (moved_m > JUMP_M) & (moved_m > JUMP_MPS * step_s)
 
 
@@ -36,7 +36,7 @@ def has_ended(gap_s: float, step_s: float = 0.0, moved_m: float = 0.0) -> bool: 
 @overload
 def has_ended(gap_s: F64, step_s: F64 | float = 0.0, moved_m: F64 | float = 0.0) -> Bool: ...
 def has_ended(gap_s: Any, step_s: Any = 0.0, moved_m: Any = 0.0) -> Any:
-    """Whether a track has ended before the next row of its id; of numbers, or of arrays.
+    """True where a track has ended before the next row of its id; of numbers, or of arrays.
 
     Args:
         gap_s: time since its last row.
@@ -47,7 +47,7 @@ def has_ended(gap_s: Any, step_s: Any = 0.0, moved_m: Any = 0.0) -> Any:
 
 
 class PlacesByMoment:
-    """Where each row of a table was seen: on the floor [m], or the foot of its box [px] with pixels per metre.
+    """The place where each row of a table was seen: on the floor [m], or the foot of its box [px] with pixels per metre.
 
     Attributes:
         is_known: (N,) whether the row was seen somewhere, and not predicted.

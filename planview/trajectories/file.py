@@ -43,7 +43,7 @@ class TrajectoryFile:
     note: str = ""
 
 
-def checked_rate(path: Path, value: object) -> float:
+def parse_rate(path: Path, value: object) -> float:
     """A frame rate from a file [1/s]. Raises InputError: not a number above 0 and up to FPS_MAX."""
     try:
         fps = float(value)  # type: ignore[arg-type]
@@ -54,7 +54,7 @@ def checked_rate(path: Path, value: object) -> float:
     return fps
 
 
-def checked_area(text: str, where: str) -> str:
+def parse_area(text: str, where: str) -> str:
     """Well-known text of a walkable area. Raises InputError: not a POLYGON, MULTIPOLYGON or GEOMETRYCOLLECTION, or
     parentheses that do not pair up."""
     wkt = " ".join(text.split())
@@ -90,7 +90,7 @@ class Region:
     named. Raises InputError: not such a text, a ring of fewer than three points, or one that crosses itself."""
 
     def __init__(self, text: str, where: str) -> None:
-        self.wkt = checked_area(text, where)
+        self.wkt = parse_area(text, where)
         self._name = where.rstrip("=:")
         try:
             given = shapely.from_wkt(self.wkt, on_invalid="fix")
@@ -131,7 +131,7 @@ def region_of(text: str, option: str) -> Region:
     return Region(text, option)
 
 
-def limited(file: TrajectoryFile, region: str | None, ignore: str | None) -> TrajectoryFile:
+def limit(file: TrajectoryFile, region: str | None, ignore: str | None) -> TrajectoryFile:
     """Trajectories inside one region and outside another, each well-known text or a file; None for no limit. The rate
     is that of all rows. Warns of a region with nobody inside. Raises InputError: see ``region_of``."""
     table = file.table
@@ -144,7 +144,7 @@ def limited(file: TrajectoryFile, region: str | None, ignore: str | None) -> Tra
         left_out = region_of(ignore, "ignore=")
         warn_of(left_out.doubt(table))
         keep &= ~left_out.contains(table)
-    return replace(file, table=table.where(keep), fps=file.fps or measured_rate(table))
+    return replace(file, table=table.where(keep), fps=file.fps or measure_rate(table))
 
 
 def warn_of(sentence: str) -> None:
@@ -153,7 +153,7 @@ def warn_of(sentence: str) -> None:
         warnings.warn(sentence, stacklevel=3)
 
 
-def measured_rate(table: Trajectories) -> float | None:
+def measure_rate(table: Trajectories) -> float | None:
     """Frames per second over all timestamps; that of the median frame where the clock jumps; None without times."""
     period = frame_period_s(table, 0.0)
     if period <= 0:

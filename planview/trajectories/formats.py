@@ -21,9 +21,9 @@ from calib.io import entries, expecting, read_text, reason, require_file, whole_
 from planview.trajectories import layouts, rows
 from planview.trajectories.boxes import named_columns, read_motchallenge, write_motchallenge
 from planview.trajectories.clock import Clock
-from planview.trajectories.file import TrajectoryFile, checked_rate, measured_rate, surrounding_area
+from planview.trajectories.file import TrajectoryFile, measure_rate, parse_rate, surrounding_area
 from planview.trajectories.hdf5 import SIGNATURE
-from planview.trajectories.identities import with_ids_judged, with_paths_apart
+from planview.trajectories.identities import judge_ids, split_paths
 from planview.trajectories.table import (
     Trajectories,
     doubt,
@@ -67,7 +67,7 @@ def load_file(path: Path, *, truth: bool = False) -> TrajectoryFile:
     file = _load(path, truth)
     if file.fps is not None and not np.isfinite(file.table.timestamp_s).any():
         file = replace(file, table=replace(file.table, timestamp_s=file.table.frame / file.fps))
-    table, notes = with_ids_judged(file.table)
+    table, notes = judge_ids(file.table)
     file = replace(file, table=table)
     for sentence in filter(None, (file.note, *notes, doubt(table))):
         warnings.warn(f"{path}: {sentence}", stacklevel=2)
@@ -155,8 +155,8 @@ FORMATS: dict[ExportName, ExportFormat] = {
 
 
 def write_file(path: Path, file: TrajectoryFile, name: ExportName, unit: Literal["m", "cm"] = "m") -> None:
-    """Write what ``prepared`` gives, in the unit that pedpy alone has. Raises WorkError: the file cannot be written;
-    what was there is kept. InputError: a package is missing."""
+    """Write a prepared export, in the unit that pedpy alone has. Raises WorkError: the file cannot be written; an
+    earlier one is kept. InputError: a package is missing."""
     write = partial(rows.write_petrack, unit=unit) if name == "pedpy" else FORMATS[name].write
     try:
         with whole_file(path) as part:
@@ -165,11 +165,11 @@ def write_file(path: Path, file: TrajectoryFile, name: ExportName, unit: Literal
         raise WorkError(f"{path}: cannot be written ({reason(error)})") from error
 
 
-def prepared(
+def prepare_export(
     file: TrajectoryFile, name: ExportName, *, fps: float | None = None, area: str | None = None, lost: bool = False
 ) -> TrajectoryFile:
-    """What an export of a file holds: of a format without states the confirmed rows with a floor position or, where it
-    has boxes, a box. Where an id stands for one walk, a track that follows the end of another has its own. Raises
+    """The content of an export of a file: of a format without states the confirmed rows with a floor position or, where
+    it has boxes, a box. Where an id stands for one walk, a track that follows the end of another has its own. Raises
     InputError: no frame rate anywhere, or no row with a floor position.
 
     Args:
@@ -178,12 +178,12 @@ def prepared(
         area: in place of the file's own; where neither is known the rectangle around all positions.
         lost: rows that were only predicted count as confirmed.
     """
-    rate = fps or file.fps or measured_rate(file.table) or 1.0 / Clock(file.table).frame_s
+    rate = fps or file.fps or measure_rate(file.table) or 1.0 / Clock(file.table).frame_s
     table = file.table
     if not np.isfinite(table.timestamp_s).any():
         table = replace(table, timestamp_s=table.frame / rate)
     if FORMATS[name].is_of_paths:
-        table, note = with_paths_apart(table)
+        table, note = split_paths(table)
         if note:
             warnings.warn(note, stacklevel=2)
     if not FORMATS[name].keeps_state:
@@ -220,7 +220,7 @@ def sequence_rate(truth: Path) -> float | None:
     """Frames per second in the seqinfo.ini of a MOTChallenge sequence, next to its truth or a folder above; None
     without one. Raises InputError: no rate in it."""
     rate = _seqinfo(truth).get("framerate")
-    return checked_rate(truth, rate) if rate else None
+    return parse_rate(truth, rate) if rate else None
 
 
 def sequence_size(truth: Path) -> tuple[int, int] | None:

@@ -1,4 +1,4 @@
-"""What the ids of a table stand for: people, and in a second recording that counts from 1 again other people."""
+"""Ids of a table stand for people, and in a second recording that counts from 1 again for other people."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from calib.types import F64, I64, Bool
 from planview.trajectories.clock import USUAL_FPS, Clock
 from planview.trajectories.ends import HIDDEN_S, PlacesByMoment, Steps, is_jump, track_numbers
-from planview.trajectories.table import Trajectories, frame_times, renumbered, with_times_judged
+from planview.trajectories.table import Trajectories, frame_times, judge_times, renumber
 
 FORGOTTEN_S = 60.0
 """After nobody at all had a row for longer, ids that are used again are other people [s]: no tracker recognises people
@@ -19,26 +19,27 @@ CLOSE_S = 1.0
 COUNTED_ANEW = 3
 """So many ids that are used again, the lowest ones and in their order, were counted from 1 again."""
 JUMPS_MAX = 0.1
-"""Where a larger share of all steps are jumps, units or rate are wrong, and jumps say nothing about ids."""
+"""Largest share of jumps among all steps. With more of them units or rate are wrong, and jumps are no evidence of
+anything."""
 
 
-def with_ids_judged(table: Trajectories) -> tuple[Trajectories, tuple[str, ...]]:
+def judge_ids(table: Trajectories) -> tuple[Trajectories, tuple[str, ...]]:
     """The table with times that run on and with other ids for other people, and what is odd about it, a sentence
     each."""
     frames, times_s = frame_times(table)
     set_back = frames[1:][np.diff(times_s) < 0]
-    table, notes = with_times_judged(table)
+    table, notes = judge_times(table)
     starts = recording_starts(table, set_back)
     if len(starts):
         recording = np.searchsorted(starts, table.frame, side="right")
-        table = replace(table, track_id=renumbered(table.track_id, recording))
+        table = replace(table, track_id=renumber(table.track_id, recording))
         notes = *notes, recordings_note(table, starts, recording)
     jumps = _jumps_note(table)
     return table, (*notes, jumps) if jumps else notes
 
 
 def recordings_note(table: Trajectories, starts: I64, recording: I64) -> str:
-    """What was done with further recordings, which begin at frames; ``recording``: (N,) number of each row's."""
+    """Sentence on further recordings, which begin at frames; ``recording``: (N,) number of each row's."""
     later = np.abs(table.track_id[recording > 0])
     where = ", ".join(map(str, starts[:5].tolist()))
     return f"another recording begins at frame {where}: its people get ids of their own, from {later.min()} on"
@@ -83,7 +84,7 @@ def _across(table: Trajectories, frames: I64, steps: Steps, chosen: Bool) -> I64
 
 
 def _are_counted_anew(table: Trajectories, frame: int) -> bool:
-    """Whether the ids from a frame on are the lowest ones in their order, of which enough were used before."""
+    """True if the ids from a frame on are the lowest ones in their order, and enough of them were used before."""
     later = table.frame >= frame
     before = np.unique(table.track_id[~later])
     after, first = np.unique(table.track_id[later], return_index=True)
@@ -93,7 +94,7 @@ def _are_counted_anew(table: Trajectories, frame: int) -> bool:
 
 
 def _is_exchange(table: Trajectories, frames: I64, times_s: F64) -> bool:
-    """Whether somebody walks on from every place of one frame to the next: then tracks have exchanged their people."""
+    """True if somebody walks on from every place of one frame to the next: then tracks have exchanged their people."""
     places = PlacesByMoment(table)
     before = np.flatnonzero((table.frame == frames[0]) & places.is_known)
     after = np.flatnonzero((table.frame == frames[1]) & places.is_known)
@@ -117,7 +118,7 @@ def _jumps_note(table: Trajectories) -> str:
     return f"ids jump farther than anybody walks, {how}{others}: their tracks end there; are ids used again?"
 
 
-def with_paths_apart(table: Trajectories) -> tuple[Trajectories, str]:
+def split_paths(table: Trajectories) -> tuple[Trajectories, str]:
     """The table with an id for each track, of which the first keeps its person's, and a sentence on the others."""
     numbers = track_numbers(table, Clock(table, USUAL_FPS).at(table.frame))
     first = np.unique(numbers, return_index=True)[1]

@@ -18,7 +18,7 @@ import numpy as np
 from calib.errors import InputError
 from calib.io import expecting
 from calib.types import F64, AnyArray
-from planview.trajectories.file import TrajectoryFile, checked_area, checked_rate, refuse_many
+from planview.trajectories.file import TrajectoryFile, parse_area, parse_rate, refuse_many
 from planview.trajectories.hdf5 import open_hdf5
 from planview.trajectories.state import SURE_FACING
 from planview.trajectories.table import (
@@ -118,14 +118,14 @@ def read_ped_data_archive(path: Path) -> TrajectoryFile:
             raise InputError(f"{path}: expected a list with the fields id, frame, x, y, found {listed}")
         refuse_many(path, len(trajectory))
         rows: AnyArray = trajectory[:]
-        fps = checked_rate(path, trajectory.attrs.get("fps"))
+        fps = parse_rate(path, trajectory.attrs.get("fps"))
         area = file.attrs.get("wkt_geometry")
     columns = {"id": rows["id"], "frame": rows["frame"], "x_m": rows["x"], "y_m": rows["y"]}
     if "z" in names:
         columns["height_m"] = np.where(rows["z"] > 0, rows["z"], np.nan)
     if isinstance(area, bytes):
         area = area.decode("utf-8", "replace")
-    wkt = None if area is None else checked_area(str(area), str(path))
+    wkt = None if area is None else parse_area(str(area), str(path))
     return TrajectoryFile(table_of(columns, path), fps, wkt)
 
 
@@ -169,10 +169,10 @@ def read_jupedsim(path: Path) -> TrajectoryFile:
             areas = database.execute("SELECT DISTINCT wkt FROM geometry WHERE wkt != '' LIMIT 100").fetchall()
     cells = np.array(rows, dtype=object).reshape(-1, 4)
     table = table_of(dict(zip(("frame", "id", "x_m", "y_m"), cells.T, strict=True)), path)
-    wkt = ", ".join(checked_area(str(area), str(path)) for (area,) in areas)
+    wkt = ", ".join(parse_area(str(area), str(path)) for (area,) in areas)
     if len(areas) > 1:
         wkt = f"GEOMETRYCOLLECTION ({wkt})"
-    return TrajectoryFile(table, checked_rate(path, metadata.get("fps")), wkt or None)
+    return TrajectoryFile(table, parse_rate(path, metadata.get("fps")), wkt or None)
 
 
 def write_jupedsim(path: Path, file: TrajectoryFile) -> None:
@@ -224,8 +224,8 @@ def read_parquet(path: Path) -> TrajectoryFile:
         area = frame.attrs.get("walkable_wkt")
         return TrajectoryFile(
             table_of(frame, path),
-            None if fps is None else checked_rate(path, fps),
-            None if area is None else checked_area(str(area), str(path)),
+            None if fps is None else parse_rate(path, fps),
+            None if area is None else parse_area(str(area), str(path)),
         )
 
 

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import colorsys
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from calib.errors import InputError
-from calib.types import F64, I64
+from calib.types import F64, I64, Bool
 from planview.trajectories.clock import USUAL_FPS, Clock
 from planview.trajectories.ends import track_numbers
 from planview.trajectories.state import State
-from planview.trajectories.table import Trajectories, frame_step, people_of
+from planview.trajectories.table import Trajectories, frame_step, people_of, rows_by_id
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
-    from pandas import DataFrame
 
 Colouring = Literal["id", "time"]
 NAMED_MAX = 20
@@ -47,6 +47,23 @@ def person_hex(track_id: int) -> str:
     return "#{:02x}{:02x}{:02x}".format(*person_rgb(track_id))
 
 
+class _Rows(NamedTuple):
+    """Rows of people with a place: (N,) ids, numbers of the tracks, frames, times, and whether they were seen; (N, 2)
+    places on the floor [m], or of the middle of the lower edge of boxes [px]."""
+
+    track_id: I64
+    track: I64
+    frame: I64
+    time_s: F64
+    is_seen: Bool
+    place: F64
+    velocity: F64
+
+    def where(self, keep: Bool | I64) -> _Rows:
+        columns: Iterable[Any] = self
+        return _Rows(*(column[keep] for column in columns))
+
+
 def plot_paths(
     tracks: Trajectories, axes: Axes, *, colour: Colouring | str = "id", label: str = "", width: float = 1.6
 ) -> Axes:
@@ -59,47 +76,53 @@ def plot_paths(
         colour: "id", "time" with a colour bar, or one colour of matplotlib for all, with a label in the legend.
         width: of the lines, in points.
     """
-    rows, unit = _rows_with_places(tracks)
-    people = _rows_of_people(rows)
-    longest = people["id"].value_counts().index
-    named = set(longest[:NAMED_MAX]) if colour == "id" else set()
-    for track_id, person in people.groupby("id"):
-        path = person[["u", "v"]].to_numpy()
-        is_seen = (person["state"] == "confirmed").to_numpy()
-        seen_path = np.where(is_seen[:, None], path, np.nan)
+    rows, unit = _rows_of_people(tracks)
+    longest = _by_length(rows.track_id)
+    named = longest[:NAMED_MAX] if colour == "id" else []
+    for track_id, indices in rows_by_id(rows.track_id):
+        person = rows.where(indices)
+        path = person.place
+        seen_path = np.where(person.is_seen[:, None], path, np.nan)
         line_colour = FAINT
         if track_id in named:
             line_colour = person_hex(track_id)
         elif colour not in ("id", "time"):
             line_colour = colour
-        if not is_seen.all():
+        if not person.is_seen.all():
             axes.plot(*_with_gaps(path, person).T, ":", color=line_colour, lw=1.0)
         if colour == "time":
-            _draw_times(axes, seen_path, person, rows["time_s"].min(), rows["time_s"].max())
+            _draw_times(axes, seen_path, person, rows.time_s)
         else:
             name = str(track_id) if track_id in named else None
             line = _with_gaps(seen_path, person)
             axes.plot(*line.T, color=line_colour, lw=width, solid_capstyle="round", label=name)
             axes.plot(*path[0], "o", ms=5, mfc="white", mec=line_colour, zorder=3)
             axes.plot(*path[-1], "o", ms=5, color=line_colour, zorder=3)
-    if colour == "time" and len(longest):
+    if colour == "time" and longest:
         _add_bar(axes, axes.collections[0], "time [s]")
-    elif colour != "id" and len(longest):
+    elif colour != "id" and longest:
         axes.plot([], [], color=colour, lw=width, label=label or None)
     elif len(longest) > len(named):
         axes.plot([], [], color=FAINT, lw=1.6, label=f"{len(longest) - len(named)} more")
     return _floor_axes(axes, unit)
 
 
-def _draw_times(axes: Axes, path: F64, person: DataFrame, first_s: float, last_s: float) -> None:
-    """Draw an (N, 2) path in the colours of its times."""
+def _by_length(track_id: I64) -> list[int]:
+    """The ids, those with most rows first."""
+    ids, counts = np.unique(track_id, return_counts=True)
+    longest: list[int] = ids[np.argsort(-counts, kind="stable")].tolist()
+    return longest
+
+
+def _draw_times(axes: Axes, path: F64, person: _Rows, times_s: F64) -> None:
+    """Draw an (N, 2) path in colours on the scale of all times."""
     from matplotlib.collections import LineCollection
 
     path[_gaps(person) - 1] = np.nan
     segments = list(np.stack([path[:-1], path[1:]], axis=1))
     lines = LineCollection(segments, cmap="viridis", lw=1.8, capstyle="round")
-    lines.set_array(person["time_s"].to_numpy()[:-1])
-    lines.set_clim(first_s, last_s)
+    lines.set_array(person.time_s[:-1])
+    lines.set_clim(float(times_s.min()), float(times_s.max()))
     axes.add_collection(lines)
 
 
@@ -114,62 +137,57 @@ def plot_density(tracks: Trajectories, axes: Axes) -> Axes:
     the floor."""
     from scipy.ndimage import gaussian_filter
 
-    people, x, y = _rows_on_floor(tracks, DENSITY_CELL_M)
-    if people.empty:
-        return _floor_axes(axes, "m")
-    counts, _, _ = np.histogram2d(people["u"], people["v"], bins=[x, y])
-    density = gaussian_filter(counts, DENSITY_BLUR_M / DENSITY_CELL_M) / (_frames(tracks) * DENSITY_CELL_M**2)
-    shades = axes.pcolormesh(x, y, np.ma.masked_less(density.T, 0.04 * density.max()), cmap="inferno", alpha=0.75)
-    _add_bar(axes, shades, "people per m²")
+    people = _rows_on_floor(tracks)
+    if len(people.place):
+        x, y = _edges(people.place, DENSITY_CELL_M)
+        density = _mean_per_m2(people.place, x, y, np.ones(len(people.place)), tracks)
+        density = gaussian_filter(density, DENSITY_BLUR_M / DENSITY_CELL_M)
+        shades = axes.pcolormesh(x, y, np.ma.masked_less(density, 0.04 * density.max()), cmap="inferno", alpha=0.75)
+        _add_bar(axes, shades, "people per m²")
     return _floor_axes(axes, "m")
 
 
 def plot_flow(tracks: Trajectories, axes: Axes) -> Axes:
     """Draw the specific flow seen from above: density times mean velocity, in people per metre and second, as arrows.
     Raises InputError: no positions on the floor."""
-    people, x, y = _rows_on_floor(tracks, FLOW_CELL_M)
-    if people.empty:
-        return _floor_axes(axes, "m")
-    velocities = people[["vx_mps", "vy_mps"]]
-    if velocities.isna().all(axis=None):  # a table of places alone
-        by_track = people.groupby("track")
-        velocities = by_track[["u", "v"]].diff().div(by_track["time_s"].diff(), axis=0)
-    flows = []
-    for velocity in np.nan_to_num(velocities.to_numpy()).T:
-        total, _, _ = np.histogram2d(people["u"], people["v"], bins=[x, y], weights=velocity)
-        flows.append(total.T / (_frames(tracks) * FLOW_CELL_M**2))
-    flow = np.hypot(*flows)
-    is_shown = flow > 0.02 * flow.max()
-    middle_x, middle_y = np.meshgrid(x[:-1] + FLOW_CELL_M / 2, y[:-1] + FLOW_CELL_M / 2)
-    strength = flow[is_shown]
-    along = np.stack([part[is_shown] for part in flows]) / np.maximum(strength, 1e-9)
-    arrows = axes.quiver(
-        middle_x[is_shown], middle_y[is_shown], *along, strength,
-        cmap="viridis", pivot="mid", scale=2.5, scale_units="x",
-    )  # fmt: skip
-    _add_bar(axes, arrows, "people per metre and second")
+    people = _rows_on_floor(tracks)
+    if len(people.place):
+        x, y = _edges(people.place, FLOW_CELL_M)
+        velocity = np.nan_to_num(_velocities(people))
+        flow_x = _mean_per_m2(people.place, x, y, velocity[:, 0], tracks)
+        flow_y = _mean_per_m2(people.place, x, y, velocity[:, 1], tracks)
+        flow = np.hypot(flow_x, flow_y)
+        is_shown = flow > 0.02 * flow.max()
+        middle_x, middle_y = np.meshgrid(x[:-1] + FLOW_CELL_M / 2, y[:-1] + FLOW_CELL_M / 2)
+        strength = flow[is_shown]
+        arrows = axes.quiver(
+            middle_x[is_shown], middle_y[is_shown], flow_x[is_shown] / strength, flow_y[is_shown] / strength, strength,
+            cmap="viridis", pivot="mid", scale=2.5, scale_units="x",
+        )  # fmt: skip
+        _add_bar(axes, arrows, "people per metre and second")
     return _floor_axes(axes, "m")
 
 
-def _rows_on_floor(tracks: Trajectories, cell_m: float) -> tuple[DataFrame, F64, F64]:
-    """Confirmed rows of people on the floor, and the edges of cells around them [m]; none where there is nobody."""
-    rows, unit = _rows_with_places(tracks)
+def _rows_on_floor(tracks: Trajectories) -> _Rows:
+    """Rows of people who were seen on the floor."""
+    rows, unit = _rows_of_people(tracks)
     if unit != "m":
         raise InputError("expected trajectories on the floor, found none")
-    people = _rows_of_people(rows)
-    people = people[people["state"] == "confirmed"]
-    if people.empty:
-        return people, np.empty(0), np.empty(0)
-    low = people[["u", "v"]].min() - 1.0
-    high = people[["u", "v"]].max() + 1.0
-    x = np.arange(low["u"], high["u"] + cell_m, cell_m)
-    y = np.arange(low["v"], high["v"] + cell_m, cell_m)
-    return people, x, y
+    return rows.where(rows.is_seen)
 
 
-def _frames(tracks: Trajectories) -> int:
-    """Number of frames from the first row to the last."""
-    return int(np.ptp(tracks.frame)) // frame_step(np.unique(tracks.frame)) + 1
+def _edges(places_m: F64, cell_m: float) -> tuple[F64, F64]:
+    """The edges of cells around places, along x and along y [m]."""
+    low = places_m.min(axis=0) - 1.0
+    high = places_m.max(axis=0) + 1.0 + cell_m
+    return np.arange(low[0], high[0], cell_m), np.arange(low[1], high[1], cell_m)
+
+
+def _mean_per_m2(places_m: F64, x: F64, y: F64, weights: F64, tracks: Trajectories) -> F64:
+    """(rows, columns) mean sum of weights per square metre over the frames from the first row to the last."""
+    sums, _, _ = np.histogram2d(places_m[:, 1], places_m[:, 0], bins=[y, x], weights=weights)
+    frames = int(np.ptp(tracks.frame)) // frame_step(np.unique(tracks.frame)) + 1
+    return np.asarray(sums / (frames * (x[1] - x[0]) * (y[1] - y[0])))
 
 
 def _add_bar(axes: Axes, shades: ScalarMappable, label: str) -> None:
@@ -182,32 +200,39 @@ def plot_truth(truth: Trajectories, axes: Axes) -> None:
     """Draw true paths thinly below others."""
     rows, _ = _rows_with_places(truth)
     label = "truth"
-    for _, person in rows.dropna(subset=["u", "v"]).groupby("id"):
-        path = _with_gaps(person[["u", "v"]].to_numpy(), person)
+    for _, indices in rows_by_id(rows.track_id):
+        path = _with_gaps(rows.place[indices], rows.where(indices))
         axes.plot(*path.T, "--", color=TRUTH_COLOUR, lw=0.8, label=label, zorder=1.5)
         label = "_"  # once in the legend
 
 
 def plot_speed(tracks: Trajectories, axes: Axes, *, colour: str = "id", label: str = "") -> Axes:
     """Draw speed over time: one line per person, or in one colour the mean of all people at every moment."""
-    rows, unit = _rows_with_places(tracks)
-    people = _rows_of_people(rows)
-    people = people[people["state"] == "confirmed"].copy()
-    named = set(people["id"].value_counts().index[:NAMED_MAX])
-    for (track_id, _), track in people.groupby(["id", "track"]):
-        speed = _speed(track)
-        people.loc[track.index, "speed"] = speed
+    rows, unit = _rows_of_people(tracks)
+    people = rows.where(rows.is_seen)
+    named = _by_length(people.track_id)[:NAMED_MAX]
+    speeds = np.empty(len(people.frame))
+    for _, indices in rows_by_id(people.track):
+        track = people.where(indices)
+        speeds[indices] = _speed(track)
         if colour == "id":
-            line = _with_gaps(np.column_stack([track["time_s"], speed]), track)
+            line = _with_gaps(np.column_stack([track.time_s, speeds[indices]]), track)
+            track_id = int(track.track_id[0])
             if track_id in named:
                 axes.plot(*line.T, color=person_hex(track_id), lw=1.2, zorder=2)
             else:
                 axes.plot(*line.T, color=FAINT, lw=1.2, zorder=1)
-    if colour != "id" and len(people):
-        mean = people.dropna(subset="speed").groupby("frame")[["time_s", "speed"]].mean()
-        moments = mean.reset_index().assign(track=0)
-        axes.plot(*_with_gaps(mean.to_numpy(), moments).T, color=colour, lw=1.4, label=label or None)
-    axes.set_ylabel(f"speed [{unit}/s]" if colour == "id" else f"mean speed [{unit}/s]")
+    if colour == "id":
+        axes.set_ylabel(f"speed [{unit}/s]")
+        return time_axes(axes)
+    is_known = np.isfinite(speeds)
+    frames, first, frame_number = np.unique(people.frame[is_known], return_index=True, return_inverse=True)
+    mean = np.bincount(frame_number, speeds[is_known]) / np.maximum(np.bincount(frame_number), 1)
+    times_s = people.time_s[is_known][first]
+    ends = np.flatnonzero(np.diff(frames) > 2 * frame_step(frames)) + 1
+    line = np.insert(np.column_stack([times_s, mean]), ends, np.nan, axis=0)
+    axes.plot(*line.T, color=colour, lw=1.4, label=label or None)
+    axes.set_ylabel(f"mean speed [{unit}/s]")
     return time_axes(axes)
 
 
@@ -228,54 +253,75 @@ def plot_counts(
     return count_axes(axes, "people in view")
 
 
-def _rows_with_places(tracks: Trajectories) -> tuple[DataFrame, str]:
-    """The rows with time_s, the number of their track, whether they are of people, and their place u, v: on the floor,
-    and "m"; the middle of the lower edge of boxes, and "px", where none is known there."""
-    rows = tracks.to_dataframe()
+def _rows_of_people(tracks: Trajectories) -> tuple[_Rows, str]:
+    """The rows of people from when they were confirmed to the last time, and the unit of their places."""
+    is_person = np.isin(tracks.track_id, people_of(tracks))
+    return _rows_with_places(tracks, is_person & (tracks.state != "tentative"))
+
+
+def _rows_with_places(tracks: Trajectories, keep: Bool | None = None) -> tuple[_Rows, str]:
+    """The rows with a place, of some or all, and its unit: "m" on the floor, "px" where none is known there."""
     unit = "m"
-    u = rows["x_m"]
-    v = rows["y_m"]
-    if len(rows) and (u + v).isna().all():
+    place = np.column_stack([tracks.x_m, tracks.y_m])
+    is_known = np.isfinite(place).all(axis=1)
+    if len(tracks) and not is_known.any():
         unit = "px"
-        u = rows["left_px"] + rows["width_px"] / 2
-        v = rows["top_px"] + rows["height_px"]
-        if (u + v).isna().all():
+        left, top, width, height = tracks.box_px.T
+        place = np.column_stack([left + width / 2, top + height])
+        is_known = np.isfinite(place).all(axis=1)
+        if not is_known.any():
             raise InputError("expected trajectories with floor positions or boxes to plot, found neither")
     time_s = Clock(tracks, USUAL_FPS).at(tracks.frame)
-    is_person = np.isin(tracks.track_id, people_of(tracks))
-    return rows.assign(u=u, v=v, time_s=time_s, track=track_numbers(tracks, time_s), is_person=is_person), unit
+    is_seen = np.asarray(tracks.state == "confirmed")
+    track = track_numbers(tracks, time_s)
+    rows = _Rows(tracks.track_id, track, tracks.frame, time_s, is_seen, place, tracks.velocity_mps)
+    if keep is not None:
+        is_known &= keep
+    return rows.where(np.asarray(is_known)), unit
 
 
-def _rows_of_people(rows: DataFrame) -> DataFrame:
-    """The rows with a place of people, from when they were confirmed to the last time."""
-    return rows[rows["is_person"] & (rows["state"] != "tentative")].dropna(subset=["u", "v"])
+def _with_gaps(values: F64, person: _Rows) -> F64:
+    """The (N, 2) values of a person's rows with a row of NaN in every gap, so that no line bridges it."""
+    return np.insert(values, _gaps(person), np.nan, axis=0)
 
 
-def _with_gaps(values: F64, rows: DataFrame) -> F64:
-    """The (N, 2) values of rows with a row of NaN in every gap, so that no line bridges it."""
-    return np.asarray(np.insert(values.astype(np.float64), _gaps(rows), np.nan, axis=0))
-
-
-def _gaps(rows: DataFrame) -> I64:
+def _gaps(person: _Rows) -> I64:
     """The rows of one person before which frames are missing or a track ends."""
-    frames = rows["frame"].to_numpy()
-    is_missing = np.diff(frames) > 2 * frame_step(frames)
-    has_ended = np.diff(rows["track"].to_numpy()) != 0
+    is_missing = np.diff(person.frame) > 2 * frame_step(person.frame)
+    has_ended = np.diff(person.track) != 0
     return np.flatnonzero(is_missing | has_ended) + 1
 
 
-def _speed(track: DataFrame) -> F64:
-    """(N,) speeds of one track, smoothed; by differences where the tracker gave no velocity."""
-    speed = np.hypot(track["vx_mps"], track["vy_mps"])
-    steps_s = track["time_s"].diff()
-    if speed.isna().all() and track["time_s"].nunique() > 1:
-        # Rows of one time, as of clocks that count whole seconds, have one place and one speed.
-        places = track.groupby("time_s")[["u", "v"]].mean()
-        u_mps, v_mps = np.gradient(places, places.index, axis=0).T
-        speed[:] = np.hypot(u_mps, v_mps)[np.searchsorted(places.index, track["time_s"])]
-    step_s = float(steps_s.median() or steps_s.mean()) if len(track) > 1 else 1.0
-    width = max(1, min(len(track), round(SMOOTH_S / max(step_s, 1e-6))))
-    return np.asarray(speed.rolling(width, min_periods=1, center=True).mean())
+def _velocities(people: _Rows) -> F64:
+    """(N, 2) velocities; where no row has one, by the places of each track at different times."""
+    velocity = people.velocity
+    if np.isfinite(velocity).any():
+        return velocity
+    velocity = np.full_like(velocity, np.nan)
+    for _, indices in rows_by_id(people.track):
+        # Rows of one time, as of clocks that count whole seconds, have one place and one velocity.
+        times_s, moment = np.unique(people.time_s[indices], return_inverse=True)
+        if len(times_s) > 1:
+            rows = np.bincount(moment)
+            for axis in (0, 1):
+                place = np.bincount(moment, people.place[indices, axis]) / rows
+                velocity[indices, axis] = np.gradient(place, times_s)[moment]
+    return velocity
+
+
+def _speed(track: _Rows) -> F64:
+    """(N,) speeds of one track, smoothed."""
+    speed = np.hypot(*_velocities(track).T)
+    usual_s = 1.0
+    if len(speed) > 1:
+        steps_s = np.diff(track.time_s)
+        usual_s = float(np.median(steps_s) or np.mean(steps_s))
+    rows = np.clip(round(SMOOTH_S / max(usual_s, 1e-6)), 1, len(speed))
+    is_known = np.isfinite(speed)
+    kernel = np.ones(int(rows))
+    total = np.convolve(np.where(is_known, speed, 0.0), kernel, mode="same")
+    count = np.convolve(is_known, kernel, mode="same")
+    return np.asarray(np.where(count > 0.5, total / np.maximum(count, 1), np.nan))
 
 
 def _floor_axes(axes: Axes, unit: str) -> Axes:

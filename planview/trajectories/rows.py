@@ -14,12 +14,12 @@ from calib.errors import InputError
 from calib.io import UNITS_M, expecting
 from calib.times import NS, UNITS, seconds_of
 from calib.types import F64, I64
-from planview.trajectories.file import TrajectoryFile, checked_rate
+from planview.trajectories.file import TrajectoryFile, parse_rate
 from planview.trajectories.table import (
     HEIGHTS_M,
     after_one_another,
     recording_numbers,
-    renumbered,
+    renumber,
     rows_by_id,
     separators,
     table_of,
@@ -41,11 +41,11 @@ _NAMES = {
     "x": _PLACE.format("x"), "y": _PLACE.format("y"), "z": _PLACE.format("z") + "|(head|body)?height",
     "visible": "vis(ible|ibility)?",
 }  # fmt: skip
-"""What programs call the columns of trajectories, in lower case and without units, blanks and signs."""
+"""Names that programs have for the columns of trajectories, in lower case and without units, blanks and signs."""
 _COLUMNS = {"time": "timestamp_s", "x": "x_m", "y": "y_m", "z": "height_m"}
 LABORATORY_FPS = 16.0
 LABORATORY_SPAN_CM = 100.0
-"""Of the laboratory experiments of Juelich, whose rows no line names: frame rate, and how far people walk at least."""
+"""Frame rate of the laboratory experiments of Juelich, whose rows no line names, and how far people walk at least."""
 RATE_HZ = 10.0
 """Frames per second of positions whose times are uneven, between which they are interpolated."""
 DAY_S = 86400.0
@@ -95,7 +95,7 @@ def read_rows(path: Path, start: str) -> TrajectoryFile:
     header, columns = columns_of(start) or (-1, {})
     table = _read_numbers(path, start, header + 1, columns)
     rate_text = _RATE.search(comments)
-    rate = checked_rate(path, rate_text[1]) if rate_text else None
+    rate = parse_rate(path, rate_text[1]) if rate_text else None
     unit_text = _STATED.search(comments)
     unit = _LENGTHS[unit_text[1].lower()] if unit_text else None
     note = ""
@@ -159,21 +159,21 @@ def _read_numbers(path: Path, start: str, first: int, columns: dict[str, Column]
 
 
 def _order(table: F64) -> tuple[str, ...]:
-    """What (N, 4 or more) rows without names hold: ids are those by which people move least from row to row."""
+    """The columns of (N, 4 or more) rows without names: ids are those by which people move least from row to row."""
     if _usual_step(table, 1, 0) < _usual_step(table, 0, 1):
         return ("frame", "id", "x", "y", "z")
     return ("id", "frame", "x", "y", "z")
 
 
 def _usual_step(table: F64, ids: int, frames: int) -> float:
-    """How far people move from row to row if these are the columns of ids and frames."""
+    """Distance that people move from row to row if these are the columns of ids and frames."""
     rows = table[np.lexsort((table[:, frames], table[:, ids]))]
     steps = np.hypot(np.diff(rows[:, 2]), np.diff(rows[:, 3]))[np.diff(rows[:, ids]) == 0]
     return float(np.median(steps)) if len(steps) else math.inf
 
 
 def _is_laboratory(table: F64) -> bool:
-    """Whether such rows are in centimetres, and not in metres: by heights, else by how far people walk."""
+    """True if such rows are in centimetres, and not in metres: by heights, else by how far people walk."""
     heights = table[:, 4:5][table[:, 4:5] > 0]
     if len(heights):
         return bool(np.median(heights) > HEIGHTS_M[1])
@@ -200,7 +200,7 @@ def _by_time(path: Path, columns: dict[str, F64]) -> TrajectoryFile:
     if recording.any():
         # Each of them begins a second after the end of the one before.
         times_s = after_one_another(times_s, recording, 1.0)
-        track_id = renumbered(track_id, recording)
+        track_id = renumber(track_id, recording)
         notes.append(f"times begin again: {recording.max() + 1} recordings, whose people have ids of their own")
     order = np.lexsort((times_s, track_id))
     ids = track_id[order]

@@ -29,7 +29,7 @@ TRACK_COLUMNS = (
     "left_px", "top_px", "width_px", "height_px", "facing_deg", "facing_confidence", "confidence", "std_m",
 )  # fmt: skip
 DECIMALS = (None, 4, None, *[4] * 5, None, *[1] * 5, 3, 4, 4)
-"""Of each column as it is written: 0.1 mm, 0.1 ms, 0.1 px, 0.1 degrees, 0.01 or 0.1 %; None where it is no fraction."""
+"""Decimals of each column as it is written: 0.1 mm, 0.1 ms, 0.1 px, 0.1 degrees, 0.01 or 0.1 %; None where it is no fraction."""
 _ROW = ",".join("%s" if decimals is None else f"%.{decimals}f" for decimals in DECIMALS) + "\n"
 NUMBER_COLUMNS = tuple(name for name in TRACK_COLUMNS if name != "state")
 COLUMNS = (*TRACK_COLUMNS, "visible")
@@ -107,7 +107,7 @@ def _recordings_apart(keys: I64, source: Path | str) -> I64:
     if not recording.any():
         return keys
     frame = after_one_another(frame, recording, 1)
-    track_id = renumbered(track_id, recording)
+    track_id = renumber(track_id, recording)
     lowest = np.abs(track_id[recording > 0]).min()
     warnings.warn(
         f"{source}: frames begin again, so another recording follows from frame {frame[recording > 0].min()} on: its "
@@ -144,7 +144,7 @@ def after_one_another(moment: AnyArray, recording: I64, step: float) -> AnyArray
     return shifted
 
 
-def renumbered(track_id: I64, recording: I64) -> I64:
+def renumber(track_id: I64, recording: I64) -> I64:
     """(N,) ids of which none is used in two recordings, by the (N,) numbers of these from 0; the first one's stay."""
     step = int(np.abs(track_id).max(initial=0)) + 1
     sign = np.where(track_id < 0, -1, 1)
@@ -152,7 +152,7 @@ def renumbered(track_id: I64, recording: I64) -> I64:
 
 
 def separators(text: str) -> tuple[str, str]:
-    """What stands between the cells of the first lines of a table, and in its fractions: spreadsheets of some countries
+    """The separators of the cells in the first lines of a table, and of its fractions: spreadsheets of some countries
     write 1,5 between semicolons or tabs."""
     between = next((separator for separator in "\t;" if separator in text), ",")
     return between, "," if between != "," and re.search(r"\d,\d", text) else "."
@@ -209,7 +209,7 @@ def _refuse_first_fault(path: Path, between: str, decimal: str) -> None:
 
 
 def _expected(name: str, cell: str) -> str:
-    """What a cell should be; empty where it is."""
+    """The content expected of a cell; empty where it is there."""
     if not cell or name not in COLUMNS:
         return ""
     if name == "state":
@@ -305,7 +305,7 @@ class Trajectories:
 
 WHOLE_FIELDS = ("first_frame", "n_frames")
 ROW_FIELDS = tuple(name for name in Trajectories.__dataclass_fields__ if name not in WHOLE_FIELDS)
-"""What a table holds for all of its rows, and for every row."""
+"""Fields for all rows together, and for every row."""
 
 
 def positions_table(
@@ -322,7 +322,7 @@ def positions_table(
     return table_of(columns, "tracks")
 
 
-def concatenated(tables: Sequence[Trajectories]) -> Trajectories:
+def concatenate(tables: Sequence[Trajectories]) -> Trajectories:
     """The rows of at least one table together, sorted by frame, then id."""
     joined = {name: np.concatenate([getattr(t, name) for t in tables]) for name in ROW_FIELDS}
     table = replace(tables[0], **joined, first_frame=0, n_frames=None)
@@ -416,7 +416,7 @@ def frame_period_s(table: Trajectories, fallback_s: float) -> float:
     return period_of(*frame_times(table), fallback_s)
 
 
-def with_times_judged(table: Trajectories) -> tuple[Trajectories, tuple[str, ...]]:
+def judge_times(table: Trajectories) -> tuple[Trajectories, tuple[str, ...]]:
     """The table with times that run on where they begin again, and what is odd about them, a sentence each."""
     frames, times = frame_times(table)
     judged, notes = run_on(times, frames)
@@ -438,7 +438,7 @@ def ordinal(number: int) -> str:
 
 
 def doubt(table: Trajectories) -> str:
-    """What no people are or do, in a sentence: of another unit, rate or order of columns; empty where there is none.
+    """Sentence on what no people are or do: of another unit, rate or order of columns; empty where there is none.
     A table without times is taken as one of two frames per second at least."""
     placed = table.where((table.state == "confirmed") & np.isfinite(table.x_m) & np.isfinite(table.y_m))
     n_ids = len(np.unique(placed.track_id))

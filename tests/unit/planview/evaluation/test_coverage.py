@@ -8,7 +8,7 @@ import pytest
 
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.evaluation.result import Evaluation
-from planview.trajectories.table import Trajectories, concatenated, positions_table
+from planview.trajectories.table import Trajectories, concatenate, positions_table
 
 FRAMES = 300
 
@@ -53,7 +53,7 @@ def with_false(rows: np.ndarray, x_m: float) -> Evaluation:
     """Scores where a fourth track, of some frames, is where nobody ever is."""
     xy = np.column_stack([np.full(len(rows), x_m), np.full(len(rows), 9.0)])
     false = positions_table(rows, np.full(len(rows), 4), xy, np.full(len(rows), 1.7), rows / 15.0)
-    return evaluate_tracks(concatenated([TRACKS, false]), TRACKS)
+    return evaluate_tracks(concatenate([TRACKS, false]), TRACKS)
 
 
 def test_a_false_track_beside_the_truth_counts_as_false() -> None:

@@ -18,7 +18,7 @@ from planview.output.folder import RunInfo, write_run_info
 from planview.output.report.page import scores_of
 from planview.output.run_folder import RunFolder
 from planview.trajectories.formats import load_truth
-from planview.trajectories.table import Trajectories, concatenated, positions_table
+from planview.trajectories.table import Trajectories, concatenate, positions_table
 
 KEYS = (
     "truth_rows", "mota", "motp_m", "idf1", "hota", "switches", "misses", "false_positives", "position_error_mean_m",
@@ -49,7 +49,7 @@ def test_facing_is_compared_over_walkers_and_standers():
     # The walker goes along y, the other stands; both face y, the walker by 30 degrees off, the other backwards.
     walker, stander = walk(), walk(track_id=2, x_m=2.0)
     stander = replace(stander, y_m=np.zeros(100))
-    truth = concatenated([walker, stander])
+    truth = concatenate([walker, stander])
     truth = replace(truth, facing_deg=np.full(200, 90.0))
     tracks = replace(truth, facing_deg=np.where(truth.track_id == 1, 120.0, -85.0))
     result = evaluate_tracks(tracks, truth)
@@ -100,7 +100,7 @@ def test_breakdown_groups_rows_by_distance_visibility_and_people():
     # Person 1 stands 1 m away, tracked 0.1 m off; person 2, half hidden, 5 m away in the first 40 frames, untracked.
     near = positions_table(np.arange(100), np.full(100, 1), np.tile([0.0, 1.0], (100, 1)))
     far = positions_table(np.arange(40), np.full(40, 2), np.tile([3.0, 4.0], (40, 1)), visible=np.full(40, 0.5))
-    result = evaluate_tracks(replace(near, x_m=near.x_m + 0.1), concatenated([near, far])).to_json()
+    result = evaluate_tracks(replace(near, x_m=near.x_m + 0.1), concatenate([near, far])).to_json()
 
     def counts(key: str) -> dict[str, tuple[int, int]]:
         return {row["group"]: (row["truth_rows"], row["matches"]) for row in result[key] if row["truth_rows"]}
@@ -147,10 +147,10 @@ def strays(x_m: float) -> Trajectories:
 
 def test_prediction_that_strays_from_its_person_is_a_false_track_where_the_truth_has_the_person():
     other = walk(70, track_id=2, start=30)  # the person walks on under another id
-    result = evaluate_tracks(concatenated([strays(0.6), other]), walk())
+    result = evaluate_tracks(concatenate([strays(0.6), other]), walk())
     assert [(e.kind, e.frame, e.track_id) for e in result.significant] == [("false_track", 30, 1), ("lost", 30, 1)]
     assert result.events == 1
-    assert [e.kind for e in evaluate_tracks(concatenated([strays(0.4), other]), walk()).significant] == ["lost"]
+    assert [e.kind for e in evaluate_tracks(concatenate([strays(0.4), other]), walk()).significant] == ["lost"]
     assert evaluate_tracks(strays(3.0), walk(30)).significant == []
 
 
@@ -164,10 +164,10 @@ def test_hidden_person_is_neither_missed_nor_a_reason_for_false_positives():
 
 def test_hidden_person_excuses_no_second_track_and_keeps_their_own_beside_a_visible_one():
     hidden = replace(walk(), visible=np.full(100, 0.1))
-    twice = concatenated([walk(track_id=1), walk(track_id=2, x_m=0.2)])
+    twice = concatenate([walk(track_id=1), walk(track_id=2, x_m=0.2)])
     assert evaluate_tracks(twice, hidden).clear.false_positives == 100
     # The track on the hidden person must not be handed to the untracked neighbour within the gate.
-    result = evaluate_tracks(walk(track_id=7), concatenated([hidden, walk(track_id=2, x_m=0.4)]))
+    result = evaluate_tracks(walk(track_id=7), concatenate([hidden, walk(track_id=2, x_m=0.4)]))
     assert (result.clear.misses, result.clear.false_positives) == (100, 0)
 
 

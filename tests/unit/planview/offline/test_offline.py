@@ -13,7 +13,7 @@ from calib.errors import InputError
 from planview.offline.edit import edited
 from planview.offline.refine import Refined, refine
 from planview.trajectories.file import Region
-from planview.trajectories.table import Trajectories, concatenated, positions_table
+from planview.trajectories.table import Trajectories, concatenate, positions_table
 
 
 def walk(
@@ -39,7 +39,7 @@ def kinds(result: Refined) -> list[tuple[str, int, int, int]]:
 def test_rows_states_and_tracks_that_were_never_confirmed_stay_as_they_are() -> None:
     walked = with_state(with_state(walk(range(5, 30)), "tentative", 5, 8), "lost", 15, 19)
     ghost = with_state(walk(range(5, 9), track_id=2, y_m=3.0), "tentative", 5, 8)
-    tracks = concatenated([walked.where((walked.frame < 22) | (walked.frame > 24)), ghost])
+    tracks = concatenate([walked.where((walked.frame < 22) | (walked.frame > 24)), ghost])
     result = refine(tracks)
     assert result.tracks.state.tolist() == tracks.state.tolist() and kinds(result) == []
     np.testing.assert_array_equal(result.tracks.frame, tracks.frame)
@@ -66,16 +66,16 @@ def test_smoothing_reduces_noise_and_keeps_a_straight_walk() -> None:
 
 def test_nobody_is_smoothed_across_the_end_of_a_track() -> None:
     elsewhere = replace(walk(range(30, 60)), y_m=np.full(30, 9.0))
-    result = refine(concatenated([walk(range(30)), elsewhere])).tracks
+    result = refine(concatenate([walk(range(30)), elsewhere])).tracks
     np.testing.assert_allclose(result.y_m, np.repeat([0.0, 9.0], 30), atol=1e-6)
 
 
 def test_fragments_of_one_walk_are_joined_under_the_first_id_and_predictions_end_where_the_next_begins():
-    result = refine(concatenated([walk(range(30), 4), walk(range(33, 63), 9, y_m=0.2)]))
+    result = refine(concatenate([walk(range(30), 4), walk(range(33, 63), 9, y_m=0.2)]))
     assert np.unique(result.tracks.track_id).tolist() == [4] and len(result.tracks) == 60
     assert kinds(result) == [("join", 4, 29, 33)]
     first = with_state(walk(range(45), 4), "lost", 30, 44)
-    result = refine(concatenated([first, walk(range(33, 63), 9)]))
+    result = refine(concatenate([first, walk(range(33, 63), 9)]))
     assert result.tracks.frame.tolist() == list(range(63))
     assert result.tracks.state.tolist() == ["confirmed"] * 30 + ["lost"] * 3 + ["confirmed"] * 30
 
@@ -91,14 +91,14 @@ def test_fragments_of_one_walk_are_joined_under_the_first_id_and_predictions_end
     ids=["another height", "out of reach", "long after", "overlapping"],
 )
 def test_fragment_that_does_not_fit_is_another_person(later):
-    assert np.unique(refine(concatenated([walk(range(30), 4), later])).tracks.track_id).tolist() == [4, 9]
+    assert np.unique(refine(concatenate([walk(range(30), 4), later])).tracks.track_id).tolist() == [4, 9]
 
 
 def test_each_fragment_is_continued_by_the_one_that_fits_over_the_whole_recording() -> None:
     # Both starts are as near to the end of 2; that of 1 is nearer to 4, which therefore 2 must leave alone.
     ends = [walk(range(30), i, y_m, speed_mps=0.0) for i, y_m in ((1, 0.0), (2, 0.3))]
     starts = [walk(range(32, 62), i, y_m, speed_mps=0.0) for i, y_m in ((3, 0.4), (4, 0.2))]
-    last = refine(concatenated([*ends, *starts])).tracks.where(np.array([-2, -1]))
+    last = refine(concatenate([*ends, *starts])).tracks.where(np.array([-2, -1]))
     np.testing.assert_allclose(last.y_m[np.argsort(last.track_id)], [0.2, 0.4], atol=0.02)
 
 
@@ -123,7 +123,7 @@ def test_refinement_adds_no_row_and_keeps_ids_unique(pieces: list[tuple[int, int
         with_state(walk(range(a, a + n), i, y, v), "tentative", a, a + tentative - 1)
         for i, (a, n, y, v, tentative) in enumerate(pieces, start=1)
     ]
-    tracks = concatenated([walk(range(0), 99), *tables])
+    tracks = concatenate([walk(range(0), 99), *tables])
     result = refine(tracks).tracks
     for track_id in np.unique(result.track_id):
         before = tracks.frame[tracks.track_id == track_id]
@@ -199,7 +199,7 @@ def test_gaps_are_joined_within_time_and_distance_in_chains_by_the_nearest():
 
 def test_gaps_are_joined_between_people_and_not_with_a_flicker_that_ended_near_before() -> None:
     flicker = with_state(tracks((-7, range(5), 0.0)), "tentative", 0, 4)
-    parts = concatenated([flicker, tracks((4, range(7, 20), 0.0), (5, range(22, 30), 0.0))])
+    parts = concatenate([flicker, tracks((4, range(7, 20), 0.0), (5, range(22, 30), 0.0))])
     assert frames_of(edited(parts, ["join-gaps 1 1"])) == {-7: (0, 4), 4: (7, 29)}
     with pytest.raises(InputError, match="never confirmed"):
         edited(parts, ["join -7 4"])

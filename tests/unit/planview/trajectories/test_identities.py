@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
-from planview.trajectories.identities import recording_starts, with_ids_judged, with_paths_apart
-from planview.trajectories.table import Trajectories, concatenated, people_of, positions_table, table_of
+from planview.trajectories.identities import judge_ids, recording_starts, split_paths
+from planview.trajectories.table import Trajectories, concatenate, people_of, positions_table, table_of
 
 NEVER = np.empty(0, dtype=np.int64)
 
@@ -26,55 +26,55 @@ def starts(table: Trajectories) -> list[int]:
 
 
 def test_people_who_all_jump_at_once_are_others() -> None:
-    table, notes = with_ids_judged(concatenated([walkers(), walkers(first=100)]))
+    table, notes = judge_ids(concatenate([walkers(), walkers(first=100)]))
     assert np.unique(table.track_id).tolist() == [1, 2, 3, 5, 6, 7] and "frame 100" in notes[0]
 
 
 def test_people_who_walk_on_are_the_same() -> None:
     table = walkers(frames=200)
-    assert with_ids_judged(table) == (table, ())
+    assert judge_ids(table) == (table, ())
 
 
 def test_tracks_that_exchange_their_people_are_no_other_recording() -> None:
     first = walkers((1, 2), frames=50)
     later = walkers((1, 2), first=50, frames=50)
     exchanged = replace(later, y_m=later.y_m + 5.0, track_id=3 - later.track_id)
-    assert starts(concatenated([first, exchanged])) == []
+    assert starts(concatenate([first, exchanged])) == []
 
 
 def test_ids_counted_from_the_lowest_again_after_an_empty_room_are_others() -> None:
-    assert starts(concatenated([walkers(), walkers(first=130)])) == [130]
+    assert starts(concatenate([walkers(), walkers(first=130)])) == [130]
 
 
 def test_two_people_who_come_back_within_a_minute_are_the_same() -> None:
-    assert starts(concatenated([walkers((1, 2)), walkers((1, 2), first=400)])) == []
+    assert starts(concatenate([walkers((1, 2)), walkers((1, 2), first=400)])) == []
 
 
 def test_after_a_longer_time_with_nobody_ids_are_other_people() -> None:
-    assert starts(concatenated([walkers((1,)), walkers((1,), first=800)])) == [800]
+    assert starts(concatenate([walkers((1,)), walkers((1,), first=800)])) == [800]
 
 
 def test_times_that_begin_again_begin_another_recording() -> None:
     later = walkers((1,), first=100)
-    table, notes = with_ids_judged(concatenated([walkers((1,)), replace(later, timestamp_s=later.timestamp_s - 10.0)]))
+    table, notes = judge_ids(concatenate([walkers((1,)), replace(later, timestamp_s=later.timestamp_s - 10.0)]))
     assert len(people_of(table)) == 2 and len(notes) == 2
 
 
 def test_a_clock_that_was_set_back_while_people_walked_begins_none() -> None:
     table = walkers()
     table = replace(table, timestamp_s=np.where(table.frame < 50, table.timestamp_s, table.timestamp_s - 5.0))
-    assert np.unique(with_ids_judged(table)[0].track_id).tolist() == [1, 2, 3]
+    assert np.unique(judge_ids(table)[0].track_id).tolist() == [1, 2, 3]
 
 
 def test_steps_of_another_unit_say_nothing_about_ids() -> None:
     table = walkers(speed_mps=100.0)
-    assert with_ids_judged(table) == (table, ())
+    assert judge_ids(table) == (table, ())
 
 
 def test_one_id_that_jumps_is_named() -> None:
     table = walkers((1, 2))
     jumped = replace(table, x_m=table.x_m + 30.0 * ((table.track_id == 1) & (table.frame >= 50)))
-    (note,) = with_ids_judged(jumped)[1]
+    (note,) = judge_ids(jumped)[1]
     assert "id 1 by 30.0 m at frame 50" in note
 
 
@@ -94,12 +94,12 @@ def test_frames_that_begin_again_are_another_recording_with_frames_and_ids_of_it
 
 
 def test_every_track_of_an_id_has_its_own_where_an_id_is_one_walk() -> None:
-    table, note = with_paths_apart(concatenated([walkers((1, 4)), walkers((1,), first=150)]))
+    table, note = split_paths(concatenate([walkers((1, 4)), walkers((1,), first=150)]))
     assert np.unique(table.track_id).tolist() == [1, 4, 5] and note
 
 
 def test_people_are_tracks_confirmed_for_half_a_second() -> None:
-    assert people_of(concatenated([walkers((1,), frames=5), walkers((2,), frames=4)])).tolist() == [1]
+    assert people_of(concatenate([walkers((1,), frames=5), walkers((2,), frames=4)])).tolist() == [1]
 
 
 def test_a_row_of_every_nth_frame_stands_for_n() -> None:

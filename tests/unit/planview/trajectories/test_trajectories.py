@@ -13,13 +13,13 @@ import pytest
 
 from calib.errors import InputError
 from planview.trajectories.detections import load_detections
-from planview.trajectories.file import Region, TrajectoryFile, limited, measured_rate, region_of
+from planview.trajectories.file import Region, TrajectoryFile, limit, measure_rate, region_of
 from planview.trajectories.formats import (
     FORMATS,
     load_file,
     load_tracks,
     load_truth,
-    prepared,
+    prepare_export,
     sequence_rate,
     sequence_size,
     write_file,
@@ -151,7 +151,7 @@ def two_walkers(frames: int = 4, fps: float = 15.0) -> Trajectories:
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_format_is_recognised_by_its_content_and_keeps_positions_and_where_it_can_rate_and_area(name, tmp_path):
     table, path = two_walkers(100), tmp_path / "anything"
-    write_file(path, prepared(TrajectoryFile(table), name, area=AREA), name)
+    write_file(path, prepare_export(TrajectoryFile(table), name, area=AREA), name)
     again = load_file(path)
     assert again.table.frame.tolist() == table.frame.tolist()
     assert again.table.track_id.tolist() == table.track_id.tolist()
@@ -168,7 +168,7 @@ def test_formats_with_states_keep_every_column(name, tmp_path):
     table.state[3] = "lost"
     table.height_m[3], table.facing_deg[3], table.facing_confidence[3] = np.nan, 135.5, 0.75
     table.confidence[2], table.std_m[2] = 0.9375, 0.0625
-    FORMATS[name].write(tmp_path / "x", prepared(TrajectoryFile(table), name))
+    FORMATS[name].write(tmp_path / "x", prepare_export(TrajectoryFile(table), name))
     again = load_tracks(tmp_path / "x")
     for column in Trajectories.__dataclass_fields__:
         np.testing.assert_array_equal(getattr(again, column), getattr(table, column))
@@ -177,14 +177,14 @@ def test_formats_with_states_keep_every_column(name, tmp_path):
 def test_formats_without_states_hold_confirmed_rows_and_on_request_predicted_ones():
     table = two_walkers()
     table.state[:3] = ["tentative", "lost", "lost"]
-    assert len(prepared(TrajectoryFile(table), "pedpy").table) == 5
-    assert len(prepared(TrajectoryFile(table), "pedpy", lost=True).table) == 7
+    assert len(prepare_export(TrajectoryFile(table), "pedpy").table) == 5
+    assert len(prepare_export(TrajectoryFile(table), "pedpy", lost=True).table) == 7
 
 
 def test_rate_is_that_of_the_median_frame_where_the_clock_jumps():
     table = two_walkers(10, 20.0)
     table.timestamp_s[8:] += 3600.0
-    assert measured_rate(table) == 20.0
+    assert measure_rate(table) == 20.0
 
 
 def timed_tracks(times_s: Sequence[float]) -> Trajectories:
@@ -204,7 +204,7 @@ def test_times_of_a_table_that_begin_again_run_on(tmp_path: Path) -> None:
 def test_format_without_times_says_how_far_off_they_are() -> None:
     uneven = TrajectoryFile(timed_tracks([0.0, 0.1, 0.2, 0.3, 1.0, 1.1]))
     with pytest.warns(UserWarning, match=r"jupedsim holds no times but a rate: .* up to 0.6 s off"):
-        prepared(uneven, "jupedsim")
+        prepare_export(uneven, "jupedsim")
 
 
 def test_json_lines_that_are_cut_short_are_read_up_to_the_last_whole_frame(tmp_path):
@@ -413,5 +413,5 @@ def test_a_region_whose_border_crosses_itself_is_refused() -> None:
 def test_rows_of_a_region_with_nobody_inside_keep_the_rate_of_all() -> None:
     file = TrajectoryFile(walkers_at((1.0, 1.0), (2.0, 2.0)))
     with pytest.warns(UserWarning, match="nobody is inside"):
-        empty = limited(file, "POLYGON ((50 50, 60 50, 60 60, 50 60, 50 50))", None)
+        empty = limit(file, "POLYGON ((50 50, 60 50, 60 60, 50 60, 50 50))", None)
     assert (len(empty.table), empty.fps) == (0, 1.0)
