@@ -47,7 +47,7 @@ def has_ended(gap_s: Any, step_s: Any = 0.0, moved_m: Any = 0.0) -> Any:
 
 
 class PlacesByMoment:
-    """The place where each row of a table was seen: on the floor [m], or the foot of its box [px] with pixels per metre.
+    """The place of each row of a table: on the floor [m], or the foot of its box [px] with pixels per metre.
 
     Attributes:
         is_known: (N,) whether the row was seen somewhere, and not predicted.
