@@ -16,12 +16,11 @@ from calib.people.fit import (
     STRETCHES,
     GroundCameraFit,
     Residuals,
+    at_mean_focal,
     body_points,
     fit_camera,
     predict,
     shared_camera,
-    with_focal_spread,
-    with_outline_errors,
     with_stretches_left_out,
 )
 from calib.people.model import (
@@ -41,7 +40,7 @@ from calib.people.model import (
     people_of,
     prior_of,
 )
-from calib.people.samples import HumanSample, MarkedPeople, check_samples, level_ends, only_boxes
+from calib.people.samples import HumanSample, MarkedPeople, level_ends, only_boxes, refuse_bad_samples
 from calib.types import F64, Bool
 
 GRID = (14, 24, 37)
@@ -144,50 +143,54 @@ def calibrate_from_people(
         name: of the samples' source, for messages.
         walked: (height, width), where something moved in the recording: more people are suggested there only.
     """
-    check_samples(samples, size, name)
+    refuse_bad_samples(samples, size, name)
     if lens is not None and lens not in LENS_K_320:
         raise ValueError(f"expected a lens of {', '.join(LENS_K_320)}, got {lens!r}")
     known = known or KnownValues()
     model = HumanModel().scaled(known.person_height_m or HumanModel().height_m)
     start = time.perf_counter()
     people = people_of(samples, model, independent)
-    best = _best([lens] if lens else list(LENS_K_320), size, people, model, known)
-    fit = with_focal_spread(best, people, model)
-    if independent is not None:
-        fit = with_outline_errors(fit, people, model)
-        if len(people) > 3 * STRETCHES:
-            fit = with_stretches_left_out(fit, people, model, [sample.frame for sample in samples])
+    lenses = [lens] if lens else list(LENS_K_320)
+    best = _best_fit(lenses, size, people, model, known)
+    fit = at_mean_focal(best, people, model)
+    if independent is not None and len(people) > 3 * STRETCHES:
+        fit = with_stretches_left_out(fit, people, model, [sample.frame for sample in samples])
     errors = weighted_errors(fit.camera, fit.places_m, people.rows, model)
     _refuse_unfit(fit, errors, name)
+    std = fit.std.tolist()
     return HumanCalibration(
         camera=fit.camera,
         model=model,
         error=float(errors.mean()),
         sample_errors=errors,
-        std=CameraDeviations(*(float(fit.std[k]) for k in (HEIGHT, TILT, FOCAL, ROLL))),
+        std=CameraDeviations(height=std[HEIGHT], tilt_rad=std[TILT], focal=std[FOCAL], roll_rad=std[ROLL]),
         assessment=assess(fit, people, model, walked),
-        odd=tuple(int(i) for i in np.flatnonzero(fit.deviations > ODD_FROM)),
+        odd=tuple(np.flatnonzero(fit.deviations > ODD_FROM).tolist()),
         stature=fit.stature,
         boxes_only=fit.prior.reading == "boxes",
         search_s=time.perf_counter() - start,
     )
 
 
-def _best(
+def _best_fit(
     lenses: Sequence[str], size: tuple[int, int], people: MarkedPeople, model: HumanModel, known: KnownValues
 ) -> GroundCameraFit:
     """The likeliest of the fits of every lens and every reading of the samples."""
-    readings: tuple[Reading, ...] = ("boxes", "level", "outline")
-    readings = readings[: 1 if only_boxes(people.rows) else 2 if level_ends(people.rows) else 3]
-    priors = [(lens, prior_of(lens, size[0], known, reading)) for lens in lenses for reading in readings]
+    readings: list[Reading] = ["boxes"]
+    if not only_boxes(people.rows):
+        readings.append("level")
+        if not level_ends(people.rows):
+            readings.append("outline")
     quick = []
-    for lens, prior in priors:
-        cameras = starts(people, size, lens, model, prior)
-        fits = [fit_camera(camera, people, model, prior, variation=1.0) for camera in cameras]
-        quick.append(max(fits, key=lambda fit: fit.log_evidence))
+    for lens in lenses:
+        for reading in readings:
+            prior = prior_of(lens, size[0], known, reading)
+            cameras = starts(people, size, lens, model, prior)
+            fits = [fit_camera(camera, people, model, prior, variation=1.0) for camera in cameras]
+            quick.append(max(fits, key=lambda fit: fit.log_evidence))
     # Fits whose log-evidence is lower by more are not refined further (one in 10^8).
-    rival = max(fit.log_evidence for fit in quick) - 20.0
-    full = [fit_camera(fit.camera, people, model, fit.prior) for fit in quick if fit.log_evidence >= rival]
+    least = max(fit.log_evidence for fit in quick) - 20.0
+    full = [fit_camera(fit.camera, people, model, fit.prior) for fit in quick if fit.log_evidence >= least]
     return max(full, key=lambda fit: fit.log_evidence)
 
 
@@ -195,47 +198,62 @@ def starts(
     people: MarkedPeople, size: tuple[int, int], lens: str, model: HumanModel, prior: CameraPrior
 ) -> list[GroundCamera]:
     """The best few cameras of a grid that differ, by where heads are above the marked feet and by the boxes' sizes."""
-    person_m = model.height_m
-    radius_m = model.torso_radius_m
-    low, high = (prior.mean + sign * 2.5 * np.minimum(prior.std, 1.0) for sign in (-1, 1))
+    low = prior.mean - 2.5 * np.minimum(prior.std, 1.0)
+    high = prior.mean + 2.5 * np.minimum(prior.std, 1.0)
     if not np.isfinite(prior.std[HEIGHT]):
-        low[HEIGHT] = math.log(1.15 * person_m)
+        low[HEIGHT] = math.log(1.15 * model.height_m)
         high[HEIGHT] = math.log(MAX_DISTANCE_M)
-    focals, heights = (np.exp(np.linspace(low[k], high[k], n)) for k, n in zip((FOCAL, HEIGHT), GRID, strict=False))
+    focals = np.exp(np.linspace(low[FOCAL], high[FOCAL], GRID[0]))
+    heights = np.exp(np.linspace(low[HEIGHT], high[HEIGHT], GRID[1]))
     tilts = np.radians(np.linspace(-89.0, 89.0, GRID[2]))
-    f, h, tilt = (axis.reshape(-1, 1) for axis in np.meshgrid(focals, heights, tilts, indexing="ij"))
-    s = np.sin(tilt)
-    c = np.cos(tilt)
-    # (n, 4, 2) corners, head and foot from the image centre, without lens distortion.
-    marked = people.rows.reshape(-1, 4, 2) - (np.array(size) - 1) / 2
+    # (n, 3) focal length [px], height [m] and tilt [rad].
+    grid = np.stack(np.meshgrid(focals, heights, tilts, indexing="ij"), axis=-1).reshape(-1, 3)
+    marked = _undistorted(people.rows, size, lens)
+    errors = _grid_errors(grid, marked, model)
+    chosen: list[F64] = []
+    for i in np.argsort(errors, kind="stable")[:2000]:
+        focal_px, height_m, tilt_rad = grid[i]
+        camera = np.array([math.log(focal_px), math.log(height_m), tilt_rad])
+        if all(np.abs(camera - other).max() > 0.3 for other in chosen):
+            chosen.append(camera)
+        if len(chosen) == STARTS:
+            break
+    return [GroundCamera(*size, math.exp(f), math.exp(h), float(tilt), lens) for f, h, tilt in chosen]
+
+
+def _undistorted(rows: F64, size: tuple[int, int], lens: str) -> F64:
+    """(n, 4, 2) both corners of the boxes, heads and feet of (n, 8) rows, from the image centre, without distortion."""
+    marked = rows.reshape(-1, 4, 2) - (np.array(size) - 1) / 2
     k = distortion_k(lens, size[0])
     root = np.maximum(1.0 + 4.0 * k * np.linalg.norm(marked, axis=2), 0.0)
-    left_top, right_bottom, head, foot = np.moveaxis(marked * (2.0 / (1.0 + np.sqrt(root)))[..., None], 1, 0)
+    return np.asarray(marked * (2.0 / (1.0 + np.sqrt(root)))[..., None])
+
+
+def _grid_errors(grid: F64, marked: F64, model: HumanModel) -> F64:
+    """(n,) mean differences between marked and predicted people, in diagonals of their boxes, for (n, 3) cameras."""
+    f, h, tilt = (column.reshape(-1, 1) for column in grid.T)
+    s = np.sin(tilt)
+    c = np.cos(tilt)
+    left_top, right_bottom, head, foot = np.moveaxis(marked, 1, 0)
     box = right_bottom - left_top
+    below_head = h - model.height_m
     with np.errstate(all="ignore"):
         # People stand where the marked foot meets the floor; from there follow their heads and how large they look.
         far = h / (f * c + foot[:, 1] * s)
         x = far * foot[:, 0]
         y = far * (f * s - foot[:, 1] * c)
-        depth = y * s + (h - person_m) * c
+        depth = y * s + below_head * c
         u = f * x / depth
-        v = f * ((h - person_m) * s - y * c) / depth
-        shoulder = 2.0 * radius_m * f / (y * s + (h - 0.85 * person_m) * c)
+        v = f * (below_head * s - y * c) / depth
+        shoulder = 2.0 * model.torso_radius_m * f / (y * s + (h - 0.85 * model.height_m) * c)
         off = np.hypot(u - head[:, 0], v - head[:, 1])
         off += np.abs(np.abs(u - foot[:, 0]) + shoulder - box[:, 0])
         # From above, a body is as long as its shoulders are wide; from the side its length is that from head to foot.
-        off += np.abs(np.maximum(np.abs(v - foot[:, 1]), shoulder) - box[:, 1])
+        length = np.maximum(np.abs(v - foot[:, 1]), shoulder)
+        off += np.abs(length - box[:, 1])
         off /= np.hypot(*box.T)
-    seen = (far > 0) & (depth > 0.05)
-    error = np.minimum(np.where(seen, off, np.inf), 1.5).mean(axis=1)
-    chosen: list[F64] = []
-    for i in np.argsort(error, kind="stable")[:2000]:
-        camera = np.array([math.log(f[i, 0]), math.log(h[i, 0]), tilt[i, 0]])
-        if all(np.abs(camera - other).max() > 0.3 for other in chosen):
-            chosen.append(camera)
-        if len(chosen) == STARTS:
-            break
-    return [GroundCamera(*size, math.exp(f), math.exp(h), float(t), lens) for f, h, t in chosen]
+    is_seen = (far > 0) & (depth > 0.05)
+    return np.asarray(np.minimum(np.where(is_seen, off, np.inf), 1.5).mean(axis=1))
 
 
 def weighted_errors(camera: GroundCamera, places_m: F64, rows: F64, model: HumanModel) -> F64:
@@ -244,39 +262,45 @@ def weighted_errors(camera: GroundCamera, places_m: F64, rows: F64, model: Human
     low = boxes[:, :2]
     high = low + boxes[:, 2:]
     area = boxes[:, 2:].prod(axis=1)
-    marked_area = (rows[:, 2:4] - rows[:, :2]).prod(axis=1)
+    marked_low = rows[:, :2]
+    marked_high = rows[:, 2:4]
+    marked_area = (marked_high - marked_low).prod(axis=1)
+
     ends = np.stack([model.head(camera, places_m), model.foot(camera, places_m)], axis=1)
-    apart = np.linalg.norm(ends - rows[:, 4:].reshape(-1, 2, 2), axis=2).mean(axis=1)
+    distance = np.linalg.norm(ends - rows[:, 4:].reshape(-1, 2, 2), axis=2).mean(axis=1)
     radius = (np.sqrt(area / math.pi) + np.sqrt(marked_area / math.pi)) / 2
-    common = np.maximum(np.minimum(high, rows[:, 2:4]) - np.maximum(low, rows[:, :2]), 0.0).prod(axis=1)
+
+    sides = np.minimum(high, marked_high) - np.maximum(low, marked_low)
+    common = np.maximum(sides, 0.0).prod(axis=1)
     overlap = common / (area + marked_area - common)
+
     length = np.linalg.norm(rows[:, 4:6] - rows[:, 6:], axis=1)
-    weight = np.minimum(1.0, length / np.linalg.norm(rows[:, 2:4] - rows[:, :2], axis=1))
-    return np.asarray(np.nan_to_num(weight * apart / radius + (1.0 - weight) * (1.0 - overlap), nan=np.inf))
+    diagonal = np.linalg.norm(marked_low - marked_high, axis=1)
+    weight = np.minimum(1.0, length / diagonal)
+    errors = weight * distance / radius + (1.0 - weight) * (1.0 - overlap)
+    return np.asarray(np.nan_to_num(errors, nan=np.inf))
 
 
 def _refuse_unfit(fit: GroundCameraFit, errors: F64, name: str) -> None:
-    """Most samples must fit well, and determine the camera; how badly the odd ones fit does not matter."""
-    fits = fit.deviations <= ODD_FROM
-    error = float(np.median(errors[fits])) if fits.any() else math.inf
+    """Refuse samples most of which fit no camera, or that do not determine it; how badly the odd ones fit does not
+    matter."""
+    is_fit = fit.deviations <= ODD_FROM
+    error = float(np.median(errors[is_fit])) if is_fit.any() else math.inf
+    if error > MAX_ERROR or is_fit.mean() < 0.5:
+        found = f"error {error:.2f} (at most {MAX_ERROR:g}), {1.0 - is_fit.mean():.0%} of the samples far off"
+        question = "are they standing people of one size in upright images of this size?"
+        raise WorkError(f"{name}: no camera fits the samples: {found}; {question}")
     roll_deg = math.degrees(fit.camera.roll_rad)
-    height_std = float(fit.std[HEIGHT])
-    problem = ""
-    if error > MAX_ERROR or fits.mean() < 0.5:
-        found = f"error {error:.2f} (at most {MAX_ERROR:g}), {1.0 - fits.mean():.0%} of the samples far off"
-        way = "are they standing people of one size in upright images of this size?"
-        problem = f"no camera fits the samples: {found}; {way}"
     # A larger roll is none of a camera, but of wrong samples (3.5 deviations of the prior).
-    elif abs(roll_deg) > 7.0:
+    if abs(roll_deg) > 7.0:
         found = f"people who lean as in one turned by {roll_deg:.0f} degrees"
-        way = "blobs that are not one person each, or a camera to be turned"
-        problem = f"expected an upright image, found {found}: {way}"
-    elif not height_std <= MAX_HEIGHT_STD:
-        found = f"height known to {min(height_std, 10):.0%}"
-        way = "add people nearer to and farther from the camera, or give the focal length or the camera's height"
-        problem = f"camera height and focal length cannot be separated by these samples ({found}): {way}"
-    if problem:
-        raise WorkError(f"{name}: {problem}")
+        causes = "blobs that are not one person each, or a camera to be turned"
+        raise WorkError(f"{name}: expected an upright image, found {found}: {causes}")
+    height_std = float(fit.std[HEIGHT])
+    if not height_std <= MAX_HEIGHT_STD:
+        problem = "camera height and focal length cannot be separated by these samples"
+        remedy = "add people nearer to and farther from the camera, or give the focal length or the camera's height"
+        raise WorkError(f"{name}: {problem} (height known to {min(height_std, 10):.0%}): {remedy}")
 
 
 FLOOR_ERROR_M = 0.35
@@ -289,28 +313,31 @@ people give)."""
 
 
 def assess(fit: GroundCameraFit, people: MarkedPeople, model: HumanModel, walked: Bool | None = None) -> Assessment:
-    """How well camera and floor are known over the region that the samples cover, and what would help most: more people
-    only where ``walked`` (height, width) is set; None for anywhere."""
+    """Judge how well camera and floor are known over the region that the samples cover, and what would help most: more
+    people only where ``walked`` (height, width) is set; None for anywhere."""
     # (m, 2) pixels: the feet and the middles between any two of them.
     feet = people.rows[:, 6:]
     first, second = np.triu_indices(len(feet))
     middles = 0.5 * (feet[first] + feet[second])
     advisor = _Advisor(fit, np.asarray(middles[:: max(1, len(middles) // 1000)]))
-    found = advisor.next_sample(model, walked)
-    values = advisor.deviations(fit.covariance)
-    limits = advisor.limits
-    enough = bool((values <= limits).all())
-    error, height, tilt = values.tolist()
-    away = advisor.deviations(fit.covariance, from_camera=True)[0]
-    relative, absolute = (f"{one:.2f} m" if one < 100 else "more than 100 m" for one in (error, away))
+    next_sample = advisor.next_sample(model, walked)
+    deviations = advisor.deviations(fit.covariance)
+    floor_error_m, height, tilt = deviations.tolist()
+    from_camera_m = float(advisor.deviations(fit.covariance, from_camera=True)[0])
     text = (
-        f"where people were marked, floor positions are known to {relative} relative to each other and to {absolute} "
-        f"from the camera, the camera's height to {height:.0%}, its tilt to {math.degrees(tilt):.1f} degrees"
+        f"where people were marked, floor positions are known to {_metres_text(floor_error_m)} relative to each other "
+        f"and to {_metres_text(from_camera_m)} from the camera, the camera's height to {height:.0%}, its tilt to "
+        f"{math.degrees(tilt):.1f} degrees"
     )
-    if enough:
-        return Assessment(True, error, found, f"enough: {text}")
-    most = f"at most {limits[0]:.2g} m, {KNOWN_HEIGHT_STD:.0%} and {math.degrees(KNOWN_TILT_STD):g} degrees"
-    return Assessment(False, error, found, f"not enough: {text} ({most}); {advisor.advice(found)}")
+    if (deviations <= advisor.limits).all():
+        return Assessment(True, floor_error_m, next_sample, f"enough: {text}")
+    most = f"at most {advisor.limits[0]:.2g} m, {KNOWN_HEIGHT_STD:.0%} and {math.degrees(KNOWN_TILT_STD):g} degrees"
+    sentence = f"not enough: {text} ({most}); {advisor.advice(next_sample)}"
+    return Assessment(False, floor_error_m, next_sample, sentence)
+
+
+def _metres_text(metres: float) -> str:
+    return f"{metres:.2f} m" if metres < 100 else "more than 100 m"
 
 
 _TURNS_RAD = np.deg2rad([[-89.0, -44.0], [89.0, 44.0]])
@@ -328,25 +355,27 @@ class _Advisor:
     def __init__(self, fit: GroundCameraFit, pixels: F64) -> None:
         """Prepare; floor positions are judged at (n, 2) pixels, without the rigid motion that moves all alike."""
         floor = fit.camera.back_project(pixels)
-        known = np.isfinite(floor).all(axis=1)
+        on_floor = np.isfinite(floor).all(axis=1)
         self.fit = fit
-        self._pixels = pixels[known]
-        self._floor = floor[known]
+        self._pixels = pixels[on_floor]
+        self._floor = floor[on_floor]
         region_m = 0.0
-        if known.any():
+        if on_floor.any():
             low, high = np.quantile(self._floor, (0.05, 0.95), axis=0)
             region_m = float(np.hypot(*(high - low)))
         self.limits = np.array([min(FLOOR_ERROR_M, 0.1 * region_m), KNOWN_HEIGHT_STD, KNOWN_TILT_STD])
         x, y = (self._floor - self._floor.mean(axis=0)).T
         one = np.ones(len(x))
         zero = np.zeros(len(x))
-        rigid = np.stack([np.column_stack([one, zero, -y]), np.column_stack([zero, one, x])], axis=1)
-        self._rigid = np.linalg.qr(rigid.reshape(-1, 3))[0]
+        # Derivatives of x and y of every place by shifts along x and y, and by a turn.
+        of_x = np.column_stack([one, zero, -y])
+        of_y = np.column_stack([zero, one, x])
+        self._rigid = np.linalg.qr(np.stack([of_x, of_y], axis=1).reshape(-1, 3))[0]
         self.gain: F64 | None = None
 
     def deviations(self, covariance: F64, *, from_camera: bool = False) -> F64:
-        """(3,) of floor positions, as distances [m], the median over the pixels, relative to each other or
-        ``from_camera``, camera height [1] and tilt [rad].
+        """(3,) deviations of floor positions, as distances [m], the median over the pixels, relative to each other or
+        ``from_camera``, of camera height [1] and tilt [rad].
 
         Far places move more than in proportion, so that cameras away from the fit are tried: the points of the
         unscented transform (Julier and Uhlmann 1997).
@@ -366,13 +395,30 @@ class _Advisor:
             if not from_camera:
                 off -= self._rigid @ (self._rigid.T @ off)
             total += (off.reshape(-1, 2) ** 2).sum(axis=1)
-        return np.array([math.sqrt(float(np.median(total)) / len(steps)), height_std, tilt_std])
+        floor_std = math.sqrt(float(np.median(total)) / len(steps))
+        return np.array([floor_std, height_std, tilt_std])
 
     def next_sample(self, model: HumanModel, walked: Bool | None) -> NextSample | None:
         """The place where one more person brings the deviations nearest to their limits."""
-        if not np.isfinite(self.fit.covariance).all():
+        fit = self.fit
+        if not np.isfinite(fit.covariance).all():
             return None
-        # Places [m] all over the image, 13 across and 10 down, where a whole person would be.
+        places, rows = self._candidates(model)
+        if walked is not None:
+            u, v = rows[:, 6:8].round().astype(int).T
+            is_walked = walked[v.clip(0, walked.shape[0] - 1), u.clip(0, walked.shape[1] - 1)]
+            places = places[is_walked]
+            rows = rows[is_walked]
+        if not len(places):
+            return None
+        gains = self._information(model, places, rows)
+        after = np.array([self._after(gain) for gain in gains])
+        best = int(np.argmin((after / self.limits).max(axis=1)))
+        self.gain = gains[best]
+        return NextSample((float(rows[best, 6]), float(rows[best, 7])), float(after[best, 0]))
+
+    def _candidates(self, model: HumanModel) -> tuple[F64, F64]:
+        """Places [m] all over the image, 13 across and 10 down, where a whole person would be, and their rows."""
         fit = self.fit
         camera = fit.camera
         across = np.linspace(0, camera.width - 1, 13)
@@ -382,62 +428,79 @@ class _Advisor:
         size = np.full(len(places), fit.stature)
         width = np.full(len(places), math.exp(fit.shared[GIRTH]))
         rows = predict(camera, body_points(model), places, np.zeros_like(places), size, width, fit.prior)
-        inside = (rows[:, :2] >= 0).all(axis=1) & (rows[:, 2:4] < np.array(camera.size)).all(axis=1)
+        is_inside = (rows[:, :2] >= 0).all(axis=1) & (rows[:, 2:4] < np.array(camera.size)).all(axis=1)
         # A person lower than this in the image carries no information [px].
-        inside &= np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1]) >= 20.0
-        places = places[inside]
-        rows = rows[inside]
-        if walked is not None:
-            u, v = rows[:, 6:8].round().astype(int).T
-            met = walked[v.clip(0, walked.shape[0] - 1), u.clip(0, walked.shape[1] - 1)]
-            places = places[met]
-            rows = rows[met]
-        if not len(places):
-            return None
-        further = MarkedPeople(rows, np.ones(len(rows)), np.full(len(rows), PERSON_STD), np.zeros(len(rows), np.bool_))
-        # (k, N_SHARED, N_SHARED) information of each further person on the shared unknowns, its own place being free.
-        values = np.append(self.fit.shared, places)
-        jacobian = Residuals(self.fit.camera, further, model, self.fit.prior, values, 1.0).jacobian(values)
-        blocks = jacobian[: 8 * len(places)].reshape(len(places), 8, -1)
-        shared = blocks[..., :N_SHARED]
-        numbers = np.arange(len(places))
-        own = np.stack([blocks[numbers, :, N_SHARED + 2 * numbers + k] for k in range(2)], axis=-1)
-        own_t = own.transpose(0, 2, 1)
-        left_over = shared - own @ np.linalg.solve(own_t @ own + 1e-12 * np.eye(2), own_t @ shared)
-        gains = np.asarray(left_over.transpose(0, 2, 1) @ left_over)
-        after = np.array([self._after(gain) for gain in gains])
-        best = int(np.argmin((after / self.limits).max(axis=1)))
-        self.gain = gains[best]
-        return NextSample((float(rows[best, 6]), float(rows[best, 7])), float(after[best, 0]))
+        is_inside &= np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1]) >= 20.0
+        return places[is_inside], rows[is_inside]
 
-    def advice(self, found: NextSample | None) -> str:
-        """What to do, in words."""
-        knowable = ((FOCAL, "the focal length or field of view"), (HEIGHT, "the camera's height"))
-        gain = np.eye(N_SHARED) / KNOWN_CAMERA_STD**2
-        helpful = " or ".join(name for k, name in knowable if self._enough(np.diag(gain[k])))
-        if not helpful and self._enough(np.diag(gain[FOCAL] + gain[HEIGHT])):
-            helpful = " and ".join(name for _, name in knowable)
-        give = f"give {helpful}" if helpful else ""
-        if found is None or self.gain is None:
+    def _information(self, model: HumanModel, places: F64, rows: F64) -> F64:
+        """(k, N_SHARED, N_SHARED) information of each of k people on the shared unknowns, its place being free."""
+        n = len(rows)
+        people = MarkedPeople(rows, np.ones(n), np.full(n, PERSON_STD), np.zeros(n, np.bool_))
+        values = np.append(self.fit.shared, places)
+        jacobian = Residuals(self.fit.camera, people, model, self.fit.prior, values, 1.0).jacobian(values)
+        blocks = jacobian[: 8 * n].reshape(n, 8, -1)
+        by_shared = blocks[..., :N_SHARED]
+        numbers = np.arange(n)
+        by_place = np.stack([blocks[numbers, :, N_SHARED + 2 * numbers + k] for k in range(2)], axis=-1)
+        transposed = by_place.transpose(0, 2, 1)
+        place_change = np.linalg.solve(transposed @ by_place + 1e-12 * np.eye(2), transposed @ by_shared)
+        left_over = by_shared - by_place @ place_change
+        return np.asarray(left_over.transpose(0, 2, 1) @ left_over)
+
+    def advice(self, sample: NextSample | None) -> str:
+        """The advice in words."""
+        value = self._helpful_value()
+        give = f"give {value}" if value else ""
+        if sample is None or self.gain is None:
             return give or "mark more people, at more distances"
-        u, v = found.foot_px
-        away = float(np.hypot(*self.fit.camera.back_project(found.foot_px)) / np.median(np.hypot(*self.fit.places_m.T)))
-        where = "nearer to the camera" if away < 0.75 else "farther from the camera"
-        if 0.75 <= away <= 1.33:
-            where = f"at the {'left' if u < self.fit.camera.width / 2 else 'right'} of the image"
-        more = f"add people {where}, near pixel ({u:.0f}, {v:.0f})"
-        # Six further samples are a bearable effort: where they are not enough, a known value is better advice.
-        reached = self._enough(6 * self.gain)
         if self.fit.prior.reading == "boxes":
             more = "mark heads and feet where they are, not at the middles of the boxes' edges"
-            reached = False
-        if give and not reached:
-            return f"{give}, or {more}"
-        return f"{more}, or {give}" if give else more
+            is_reached = False
+        else:
+            u, v = sample.foot_px
+            more = f"add people {self._direction(sample)}, near pixel ({u:.0f}, {v:.0f})"
+            # Six further samples are a bearable effort: where they are not enough, a known value is better advice.
+            is_reached = self._enough(6 * self.gain)
+        if not give:
+            return more
+        return f"{more}, or {give}" if is_reached else f"{give}, or {more}"
+
+    def _helpful_value(self) -> str:
+        """A value that would be enough if it was given; empty where none is."""
+        focal = "the focal length or field of view"
+        height = "the camera's height"
+        focal_gain = np.zeros((N_SHARED, N_SHARED))
+        height_gain = np.zeros((N_SHARED, N_SHARED))
+        focal_gain[FOCAL, FOCAL] = 1.0 / KNOWN_CAMERA_STD**2
+        height_gain[HEIGHT, HEIGHT] = 1.0 / KNOWN_CAMERA_STD**2
+        helpful = []
+        if self._enough(focal_gain):
+            helpful.append(focal)
+        if self._enough(height_gain):
+            helpful.append(height)
+        if helpful:
+            return " or ".join(helpful)
+        return f"{focal} and {height}" if self._enough(focal_gain + height_gain) else ""
+
+    def _direction(self, sample: NextSample) -> str:
+        """Where a sample is against the others."""
+        camera = self.fit.camera
+        distance_m = np.hypot(*camera.back_project(sample.foot_px))
+        ratio = float(distance_m / np.median(np.hypot(*self.fit.places_m.T)))
+        if ratio < 0.75:
+            return "nearer to the camera"
+        if ratio > 1.33:
+            return "farther from the camera"
+        side = "left" if sample.foot_px[0] < camera.width / 2 else "right"
+        return f"at the {side} of the image"
 
     def _enough(self, gain: F64) -> bool:
-        return bool(np.isfinite(self.fit.covariance).all() and (self._after(gain) <= self.limits).all())
+        if not np.isfinite(self.fit.covariance).all():
+            return False
+        return bool((self._after(gain) <= self.limits).all())
 
     def _after(self, gain: F64) -> F64:
         """``deviations`` with further information."""
-        return self.deviations(np.linalg.inv(np.linalg.inv(self.fit.covariance) + gain).astype(np.float64))
+        information = np.linalg.inv(self.fit.covariance) + gain
+        return self.deviations(np.linalg.inv(information).astype(np.float64))

@@ -33,8 +33,6 @@ from calib.types import F64, Bool
 
 POINT_PX = 2.0
 """Deviation of a point or edge marked by hand [px] (what people reach on a screen)."""
-OUTLINE_PX = 2.0
-"""Error that all ends of outlines have in common [px] (that of a hand at each)."""
 STRETCHES = 6
 """Parts of a recording that are left out one by one: about a walker each."""
 FAR = 1e4
@@ -87,34 +85,54 @@ def fit_camera(
     heads = camera.back_project(people.rows[:, 4:6], model.height_m)
     stand = np.nan_to_num(np.where(np.isfinite(feet), feet, heads))
     shared = np.zeros(N_SHARED)
-    shared[[FOCAL, HEIGHT]] = math.log(camera.focal_px), math.log(camera.height_m)
-    shared[[TILT, ROLL]] = camera.tilt_rad, camera.roll_rad
+    shared[FOCAL] = math.log(camera.focal_px)
+    shared[HEIGHT] = math.log(camera.height_m)
+    shared[TILT] = camera.tilt_rad
+    shared[ROLL] = camera.roll_rad
     values = np.append(shared, stand)
+    rounds = (12, 40) if variation is None else (12,)
     scale = variation or 1.0
-    for evaluations in (12, 40) if variation is None else (12,):
+    for evaluations in rounds:
         # What people vary by moves head, foot and box together; how much depends on where the camera is.
         residuals = Residuals(camera, people, model, prior, values, scale)
-        found = least_squares(
+        result = least_squares(
             residuals, values, residuals.jacobian, loss=residuals.loss, x_scale="jac", ftol=1e-5, max_nfev=evaluations
         )
-        values = found.x
+        values = result.x
         if variation is None:
-            # One person who walks upright varies little. Each step must raise the log-likelihood by 2.
-            tried = [Residuals(camera, people, model, prior, values, scale) for scale in (1.0, 0.5, 0.25)]
-            scale = max(tried, key=lambda r: r.log_likelihood(values) + 2.0 * math.log2(r.variation)).variation
-    covariance = _covariance(found.jac)
+            scale = _likeliest_variation(residuals, values)
+    covariance = _covariance(result.jac)
     volume = np.linalg.slogdet(covariance)[1] if np.isfinite(covariance).all() else 0.0
     # The prior's own normalisation: a wide prior promises less.
-    known = np.isfinite(prior.std)
-    evidence = -found.cost - residuals.log_spread + 0.5 * volume - float(np.log(prior.std[known]).sum())
-    shared = values[:N_SHARED]
+    is_limited = np.isfinite(prior.std)
+    evidence = -result.cost - residuals.log_spread + 0.5 * volume - float(np.log(prior.std[is_limited]).sum())
     squares = residuals.of_samples(values).reshape(-1, 8) ** 2
     deviations = np.sqrt(squares.sum(axis=1) * people.repeats / 6.0)
-    covariance = covariance * max(1.0, float(np.median(deviations))) ** 2
+    shared = values[:N_SHARED]
     return GroundCameraFit(
-        shared_camera(shared, camera), prior, float(evidence), covariance, shared, values[N_SHARED:].reshape(-1, 2),
-        residuals.variation, deviations,
-    )  # fmt: skip
+        camera=shared_camera(shared, camera),
+        prior=prior,
+        log_evidence=float(evidence),
+        covariance=covariance * max(1.0, float(np.median(deviations))) ** 2,
+        shared=shared,
+        places_m=values[N_SHARED:].reshape(-1, 2),
+        variation=residuals.variation,
+        deviations=deviations,
+    )
+
+
+def _likeliest_variation(residuals: Residuals, values: F64) -> float:
+    """Variation of people that fits them best at these unknowns: one person who walks upright varies little."""
+    best = 1.0
+    most = -math.inf
+    for variation in (1.0, 0.5, 0.25):
+        likelihood = residuals.at(values, variation).log_likelihood(values)
+        # Each halving must raise the log-likelihood by 2.
+        score = likelihood + 2.0 * math.log2(variation)
+        if score > most:
+            most = score
+            best = variation
+    return best
 
 
 class Residuals:
@@ -132,6 +150,7 @@ class Residuals:
         """Prepare; ``values`` are the unknowns at which the covariances of people are taken."""
         self.camera = camera
         self.people = people
+        self.model = model
         self.prior = prior
         self.variation = variation
         self.body = body_points(model)
@@ -142,19 +161,23 @@ class Residuals:
     def __call__(self, values: F64) -> F64:
         return np.append(self.of_samples(values), (values[:N_SHARED] - self.prior.mean) / self.prior.std)
 
+    def at(self, values: F64, variation: float) -> Residuals:
+        """Residuals with the covariances at other unknowns, of people who vary by this much."""
+        return Residuals(self.camera, self.people, self.model, self.prior, values, variation)
+
     def jacobian(self, values: F64, step: float = 1e-7) -> F64:
         """(8 n + N_SHARED, N_SHARED + 2 n) derivatives; a person's place moves only that person's rows."""
         n = len(self.people)
         here = self.of_samples(values)
+        unknowns = np.arange(len(values))
         jacobian = np.zeros((8 * n + N_SHARED, len(values)))
         for k in range(N_SHARED):
-            jacobian[: 8 * n, k] = self._slope(values, here, np.arange(len(values)) == k, step).ravel()
+            jacobian[: 8 * n, k] = self._slope(values, here, unknowns == k, step).ravel()
         numbers = np.arange(n)
         blocks = jacobian[: 8 * n].reshape(n, 8, len(values))
-        for k in range(2):
-            moved = np.arange(len(values)) >= N_SHARED
-            moved[N_SHARED + 1 - k :: 2] = False
-            blocks[numbers, :, N_SHARED + 2 * numbers + k] = self._slope(values, here, moved, step)
+        for axis in range(2):
+            is_moved = (unknowns >= N_SHARED) & ((unknowns - N_SHARED) % 2 == axis)
+            blocks[numbers, :, N_SHARED + 2 * numbers + axis] = self._slope(values, here, is_moved, step)
         jacobian[8 * n :, :N_SHARED] = np.diag(1.0 / self.prior.std)
         return jacobian
 
@@ -179,15 +202,17 @@ class Residuals:
 
     def log_likelihood(self, values: F64) -> float:
         """Robust log-likelihood of the samples."""
-        return -0.5 * float(self.loss(self(values) ** 2)[0, : 8 * len(self.people)].sum()) - self.log_spread
+        losses = self.loss(self(values) ** 2)[0, : 8 * len(self.people)]
+        return -0.5 * float(losses.sum()) - self.log_spread
 
     def of_samples(self, values: F64) -> F64:
         """(8 n,) whitened residuals of the samples."""
         shared = values[:N_SHARED]
         places = values[N_SHARED:].reshape(-1, 2)
-        if not (abs(shared[TILT]) < math.pi / 2 - 1e-3 and abs(shared[ROLL]) < 0.5 and np.abs(shared).max() < 12.0):
+        is_upright = abs(shared[TILT]) < math.pi / 2 - 1e-3 and abs(shared[ROLL]) < 0.5
+        if not is_upright or np.abs(shared).max() >= 12.0:
             return np.full(8 * len(self.people), FAR)
-        off = self._predicted(shared, places, np.zeros((len(places), 4))) - self.people.rows
+        off = self._rows(shared, places, np.zeros((len(places), 4))) - self.people.rows
         off = np.clip(np.nan_to_num(off, nan=FAR, posinf=FAR, neginf=-FAR), -FAR, FAR)
         return np.asarray((self.whiten @ off[..., None]).ravel())
 
@@ -201,18 +226,19 @@ class Residuals:
         sigma = np.hypot(POINT_PX, 0.02 * diagonal) * np.ones((1, 8))
         sigma[:, 4:] = POINT_PX
         covariance = sigma[:, :, None] ** 2 * np.eye(8)
-        deviation = np.column_stack(
-            [self.people.scale_std, np.full((len(rows), 3), (SWAY_STD_M, SWAY_STD_M, WIDTH_STD))]
-        )
+        # Height, lean along x and y, and width of each person.
+        deviation = np.empty((len(rows), 4))
+        deviation[:, 0] = self.people.scale_std
+        deviation[:, 1:] = (SWAY_STD_M, SWAY_STD_M, WIDTH_STD)
         for k in range(4):
             odd = np.zeros((len(rows), 4))
             odd[:, k] = 1e-4
-            slope = (self._predicted(shared, places, odd) - self._predicted(shared, places, -odd)) / 2e-4
+            slope = (self._rows(shared, places, odd) - self._rows(shared, places, -odd)) / 2e-4
             slope = np.nan_to_num(slope) * variation * deviation[:, k, None]
             covariance += slope[:, :, None] * slope[:, None, :]
         return covariance
 
-    def _predicted(self, shared: F64, places: F64, odd: F64) -> F64:
+    def _rows(self, shared: F64, places: F64, odd: F64) -> F64:
         """Rows of people who differ by ``odd`` (n, 4): log height, lean along x and y [m], log width."""
         stature = np.where(self.people.given, 0.0, shared[STATURE])
         size = self.people.scale * np.exp(stature + odd[:, 0])
@@ -220,9 +246,10 @@ class Residuals:
         camera = shared_camera(shared, self.camera)
         return predict(camera, self.body, places, odd[:, 1:3], size, width, self.prior)
 
-    def _slope(self, values: F64, here: F64, moved: Bool, step: float) -> F64:
-        """(n, 8) derivative by all the unknowns marked in ``moved`` at once."""
-        return ((self.of_samples(values + step * moved) - here) / step).reshape(-1, 8)
+    def _slope(self, values: F64, here: F64, is_moved: Bool, step: float) -> F64:
+        """(n, 8) derivative by all the marked unknowns at once."""
+        ahead = self.of_samples(values + step * is_moved)
+        return ((ahead - here) / step).reshape(-1, 8)
 
 
 def body_points(model: HumanModel) -> F64:
@@ -233,9 +260,10 @@ def body_points(model: HumanModel) -> F64:
 def predict(camera: GroundCamera, body: F64, places: F64, lean: F64, size: F64, width: F64, prior: CameraPrior) -> F64:
     """(n, 8) rows that the camera would give of people at (n, 2) places, who lean by (n, 2) [m] from foot to head, with
     (n,) heights over the model's and (n,) widths over that of a model of their height [1]."""
+    height_share = body[:, 2:] / body[-2, 2]
     points = body * size[:, None, None]
     points[..., :2] *= width[:, None, None]
-    points[..., :2] += places[:, None] + lean[:, None] * (body[:, 2:] / body[-2, 2])
+    points[..., :2] += places[:, None] + lean[:, None] * height_share
     pixels = camera.project(points)
     low = pixels[:, :-2].min(axis=1)
     high = pixels[:, :-2].max(axis=1)
@@ -250,8 +278,10 @@ def predict(camera: GroundCamera, body: F64, places: F64, lean: F64, size: F64, 
 
 def shared_camera(shared: F64, like: GroundCamera) -> GroundCamera:
     """The camera of the (N_SHARED,) unknowns, with the image and lens of another."""
-    focal, height = (float(v) for v in np.exp(shared[[FOCAL, HEIGHT]]))
-    return replace(like, focal_px=focal, height_m=height, tilt_rad=float(shared[TILT]), roll_rad=float(shared[ROLL]))
+    focal_px, height_m = np.exp(shared[[FOCAL, HEIGHT]]).tolist()
+    tilt_rad = float(shared[TILT])
+    roll_rad = float(shared[ROLL])
+    return replace(like, focal_px=focal_px, height_m=height_m, tilt_rad=tilt_rad, roll_rad=roll_rad)
 
 
 def _covariance(jacobian: F64) -> F64:
@@ -264,50 +294,26 @@ def _covariance(jacobian: F64) -> F64:
     return np.asarray(half @ half.T)
 
 
-def with_outline_errors(fit: GroundCameraFit, people: MarkedPeople, model: HumanModel) -> GroundCameraFit:
-    """The fit to samples that are outlines of foreground, whose ends err alike.
-
-    Shadows, blur and compression end all feet, or all heads, a little too high or too low; far people are smaller, so
-    that this looks like another tilt and focal length, and no number of people averages it out. What the camera moves
-    by when all of them are moved is added to its covariance.
-    """
-    axis = people.rows[:, 6:] - people.rows[:, 4:6]
-    along = axis / np.maximum(np.hypot(*axis.T), 1e-9)[:, None]
-    number = np.arange(len(people))
-    upright = along[:, 1] >= 0
-    covariance = fit.covariance.copy()
-    for point, edge in ((slice(4, 6), np.where(upright, 1, 3)), (slice(6, 8), np.where(upright, 3, 1))):
-        rows = people.rows.copy()
-        rows[:, point] += OUTLINE_PX * along
-        rows[number, edge] += OUTLINE_PX * along[:, 1]
-        moved = fit_camera(fit.camera, replace(people, rows=rows), model, fit.prior, fit.variation)
-        move = np.where(np.arange(N_SHARED) < N_CAMERA, moved.shared - fit.shared, 0.0)
-        covariance += np.outer(move, move)
-    return replace(fit, covariance=covariance)
-
-
 def with_stretches_left_out(
     fit: GroundCameraFit, people: MarkedPeople, model: HumanModel, frames: Sequence[int]
 ) -> GroundCameraFit:
     """The fit with the errors that samples of one walker have in common; ``frames`` are those of the samples.
 
     How far the camera moves when each stretch of the recording is left out in turn is added to its covariance (the
-    jackknife of Tukey 1958 over groups).
+    jackknife of Tukey 1958 over groups). Without this, errors are three to four deviations.
     """
-    parts = np.array_split(np.argsort(frames, kind="stable"), STRETCHES)
+    stretches = np.array_split(np.argsort(frames, kind="stable"), STRETCHES)
     cameras = []
-    for part in parts:
-        kept = np.delete(np.arange(len(people)), part)
-        columns = people.rows[kept], people.scale[kept], people.scale_std[kept], people.given[kept]
-        few = MarkedPeople(*columns, people.repeats)
-        cameras.append(fit_camera(fit.camera, few, model, fit.prior, fit.variation).shared[:N_CAMERA])
+    for stretch in stretches:
+        others = people.without(stretch)
+        cameras.append(fit_camera(fit.camera, others, model, fit.prior, fit.variation).shared[:N_CAMERA])
     off = np.array(cameras) - np.mean(cameras, axis=0)
     covariance = fit.covariance.copy()
     covariance[:N_CAMERA, :N_CAMERA] += (STRETCHES - 1) / STRETCHES * off.T @ off
     return replace(fit, covariance=covariance)
 
 
-def with_focal_spread(best: GroundCameraFit, people: MarkedPeople, model: HumanModel) -> GroundCameraFit:
+def at_mean_focal(best: GroundCameraFit, people: MarkedPeople, model: HumanModel) -> GroundCameraFit:
     """The fit at the mean focal length, with the covariance of the best cameras at other focal lengths about it.
 
     How strongly people lean towards the image's edges goes with the square of the focal length, so that a short one
@@ -320,12 +326,13 @@ def with_focal_spread(best: GroundCameraFit, people: MarkedPeople, model: HumanM
     # Logs of the focal lengths that are held, over the best one (half to twice).
     steps = np.array([-0.55, -0.3, -0.13, 0.0, 0.13, 0.3, 0.55])
     focals = best.shared[FOCAL] + steps
-    nodes = [_held(best, focal, people, model) for focal in focals]
+    nodes = [_fit_at_focal(best, focal, people, model) for focal in focals]
     pulls = (focals - best.prior.mean[FOCAL]) / best.prior.std[FOCAL]
     evidence = np.array([node.log_evidence for node in nodes]) - 0.5 * pulls**2 + np.log(np.gradient(steps))
-    weights = np.where(np.isfinite([node.covariance.sum() for node in nodes]), np.exp(evidence - evidence.max()), 0.0)
+    is_determined = np.isfinite([node.covariance.sum() for node in nodes])
+    weights = np.where(is_determined, np.exp(evidence - evidence.max()), 0.0)
     weights /= weights.sum()
-    mean = _held(best, float(weights @ focals), people, model)
+    mean = _fit_at_focal(best, float(weights @ focals), people, model)
     covariance = np.zeros((N_SHARED, N_SHARED))
     for node, weight in zip(nodes, weights, strict=True):
         if weight > 0:
@@ -334,12 +341,12 @@ def with_focal_spread(best: GroundCameraFit, people: MarkedPeople, model: HumanM
     return replace(mean, covariance=covariance)
 
 
-def _held(fit: GroundCameraFit, log_focal: float, people: MarkedPeople, model: HumanModel) -> GroundCameraFit:
+def _fit_at_focal(fit: GroundCameraFit, log_focal: float, people: MarkedPeople, model: HumanModel) -> GroundCameraFit:
     """The best camera of a focal length."""
     mean = fit.prior.mean.copy()
     std = fit.prior.std.copy()
-    mean[FOCAL] = log_focal  # a deviation [1] at which it is as good as fixed
-    std[FOCAL] = 1e-3
-    started = replace(fit.camera, focal_px=math.exp(log_focal))
-    held = fit_camera(started, people, model, replace(fit.prior, mean=mean, std=std), fit.variation)
-    return replace(held, prior=fit.prior)
+    mean[FOCAL] = log_focal
+    std[FOCAL] = 1e-3  # a deviation [1] at which it is as good as fixed
+    camera = replace(fit.camera, focal_px=math.exp(log_focal))
+    prior = replace(fit.prior, mean=mean, std=std)
+    return replace(fit_camera(camera, people, model, prior, fit.variation), prior=fit.prior)

@@ -53,11 +53,14 @@ class HumanModel:
     @property
     def planes(self) -> tuple[tuple[float, float], ...]:
         """(height, radius) [m] of the four critical planes, floor first: the wider cylinder where two meet."""
-        head = self.head_radius_m
-        torso = self.torso_radius_m
-        leg = self.leg_radius_m
-        heights = 0.0, self.leg_m, self.leg_m + self.torso_m, self.height_m
-        return tuple(zip(heights, (leg, max(leg, torso), max(torso, head), head), strict=True))
+        hip_radius_m = max(self.leg_radius_m, self.torso_radius_m)
+        shoulder_radius_m = max(self.torso_radius_m, self.head_radius_m)
+        return (
+            (0.0, self.leg_radius_m),
+            (self.leg_m, hip_radius_m),
+            (self.leg_m + self.torso_m, shoulder_radius_m),
+            (self.height_m, self.head_radius_m),
+        )
 
     def scaled(self, height_m: float) -> HumanModel:
         """The same proportions at another body height [m]."""
@@ -67,7 +70,10 @@ class HumanModel:
     def circles(self) -> F64:
         """(4 * CIRCLE_POINTS, 3) float64 [m]: points on the circles of the critical planes, person at the origin."""
         unit = _directions(CIRCLE_POINTS)
-        return np.concatenate([np.column_stack([r * unit, np.full(CIRCLE_POINTS, z)]) for z, r in self.planes])
+        circles = []
+        for height, radius in self.planes:
+            circles.append(np.column_stack([radius * unit, np.full(CIRCLE_POINTS, height)]))
+        return np.concatenate(circles)
 
     def outline_points(self, camera: GroundCamera, xy_m: ArrayLike) -> F64:
         """(..., 4 * CIRCLE_POINTS, 2) pixels of the circles at (..., 2) floor positions [m]; NaN behind the camera.
@@ -85,10 +91,11 @@ class HumanModel:
         Vertices may repeat; all are NaN where a part of the person is behind the camera.
         """
         points = self.outline_points(camera, xy_m)
-        bad: Bool = np.asarray(~np.isfinite(points).all(axis=(-2, -1)))
-        pick = np.argmax(_whitened(np.where(bad[..., None, None], 0.0, points)) @ _directions(HULL_POINTS).T, axis=-2)
-        hulls = np.take_along_axis(points, pick[..., None], axis=-2)
-        hulls[bad] = np.nan
+        is_behind: Bool = np.asarray(~np.isfinite(points).all(axis=(-2, -1)))
+        even = _whiten(np.where(is_behind[..., None, None], 0.0, points))
+        extreme = np.argmax(even @ _directions(HULL_POINTS).T, axis=-2)
+        hulls = np.take_along_axis(points, extreme[..., None], axis=-2)
+        hulls[is_behind] = np.nan
         return hulls
 
     def hull(self, camera: GroundCamera, x_m: float, y_m: float) -> F64:
@@ -117,14 +124,17 @@ def _directions(count: int) -> F64:
     return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
-def _whitened(points: F64) -> F64:
-    """Points stretched to equal spread along both axes: an affine map keeps the hull and evens out its corners."""
+def _whiten(points: F64) -> F64:
+    """Stretch points to equal spread along both axes: an affine map keeps the hull and evens out its corners."""
     centred = points - points.mean(axis=-2, keepdims=True)
-    xx, yy, xy = ((centred[..., i] * centred[..., j]).mean(axis=-1) for i, j in ((0, 0), (1, 1), (0, 1)))
-    sx = np.sqrt(np.maximum(xx, 1e-12))
-    sy = np.sqrt(np.maximum(yy - (xy / sx) ** 2, 1e-12))
-    x = centred[..., 0] / sx[..., None]
-    return np.stack([x, (centred[..., 1] - (xy / sx)[..., None] * x) / sy[..., None]], axis=-1)
+    x = centred[..., 0]
+    y = centred[..., 1]
+    spread_x = np.sqrt(np.maximum((x * x).mean(axis=-1), 1e-12))
+    slope = (x * y).mean(axis=-1) / spread_x
+    spread_y = np.sqrt(np.maximum((y * y).mean(axis=-1) - slope**2, 1e-12))
+    even_x = x / spread_x[..., None]
+    even_y = (y - slope[..., None] * even_x) / spread_y[..., None]
+    return np.stack([even_x, even_y], axis=-1)
 
 
 FOCAL, HEIGHT, TILT, ROLL, GIRTH, STATURE = range(6)
@@ -187,8 +197,8 @@ class KnownValues:
             return self.focal_px
         # Half the width is where the distorted ray ends: r' = r + k r^2, its smaller root.
         edge = width / 2
-        root = 1.0 + 4.0 * k * edge
-        return 2.0 * edge / (1.0 + math.sqrt(max(root, 0.0))) / math.tan(math.radians(self.field_deg) / 2)
+        root = math.sqrt(max(1.0 + 4.0 * k * edge, 0.0))
+        return 2.0 * edge / (1.0 + root) / math.tan(math.radians(self.field_deg) / 2)
 
 
 Reading = Literal["outline", "level", "boxes"]
@@ -235,9 +245,10 @@ def prior_of(lens: str, width: int, known: KnownValues, reading: Reading) -> Cam
 
 
 def people_of(samples: Sequence[HumanSample], model: HumanModel, independent: int | None = None) -> MarkedPeople:
-    """Samples as arrays, with what is expected of each person's height, and how many are worth one."""
-    given = np.array([s.height_m is not None for s in samples], dtype=np.bool_)
-    scale = np.array([1.0 if s.height_m is None else s.height_m / model.height_m for s in samples])
-    deviation = np.where(given, KNOWN_PERSON_STD, PERSON_STD)
+    """Samples as arrays, with the expected height of each person, and how many samples are worth one."""
+    rows = np.stack([sample.row() for sample in samples])
+    given = np.array([sample.height_m is not None for sample in samples], dtype=np.bool_)
+    scale = np.array([(sample.height_m or model.height_m) / model.height_m for sample in samples])
+    scale_std = np.where(given, KNOWN_PERSON_STD, PERSON_STD)
     repeats = max(1.0, len(samples) / max(1, independent or len(samples)))
-    return MarkedPeople(np.stack([s.row() for s in samples]), scale, deviation, given, repeats)
+    return MarkedPeople(rows, scale, scale_std, given, repeats)

@@ -15,7 +15,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.io import expecting, read_text, write_whole
-from calib.types import F64, Bool
+from calib.types import F64, I64, Bool
 
 COLUMNS = (
     "left_px", "top_px", "width_px", "height_px", "head_x_px", "head_y_px", "foot_x_px", "foot_y_px",
@@ -46,18 +46,20 @@ class HumanSample:
     height_m: float | None = None
 
     def __post_init__(self) -> None:
-        if not all(map(math.isfinite, values := (*self.box_px, *self.head_px, *self.foot_px))):
-            raise ValueError(f"expected finite pixels, got {values}")
+        pixels = (*self.box_px, *self.head_px, *self.foot_px)
+        if not all(map(math.isfinite, pixels)):
+            raise ValueError(f"expected finite pixels, got {pixels}")
         if self.height_m is not None and not 0.5 <= self.height_m <= 2.5:
             raise ValueError(f"expected a person of 0.5 to 2.5 m, got {self.height_m:g}")
         left, top, width, height = self.box_px
         if width <= 0 or height <= 0:
             raise ValueError(f"expected a box of positive width and height, got {width:g}x{height:g}")
+        # A point marked by hand may miss the box by some pixels, not by a quarter of the person.
+        slack = 8.0 + 0.25 * max(width, height)
         for name, (u, v) in (("head", self.head_px), ("foot", self.foot_px)):
-            # A point marked by hand may miss the box by some pixels, not by a quarter of the person.
-            slack = 8.0 + 0.25 * max(width, height)
-            inside = left - slack <= u <= left + width + slack and top - slack <= v <= top + height + slack
-            if not inside:
+            across = left - slack <= u <= left + width + slack
+            down = top - slack <= v <= top + height + slack
+            if not (across and down):
                 raise ValueError(f"expected the {name} within its box {self.box_px}, got ({u:g}, {v:g})")
 
     @property
@@ -91,20 +93,25 @@ class MarkedPeople:
     def __len__(self) -> int:
         return len(self.rows)
 
+    def without(self, rows: I64) -> MarkedPeople:
+        """The other people than those of some rows."""
+        rest = np.delete(np.arange(len(self)), rows)
+        return MarkedPeople(self.rows[rest], self.scale[rest], self.scale_std[rest], self.given[rest], self.repeats)
 
-def check_samples(samples: Sequence[HumanSample], size: tuple[int, int], name: str) -> None:
+
+def refuse_bad_samples(samples: Sequence[HumanSample], size: tuple[int, int], name: str) -> None:
     """Refuse samples from which no camera can be determined."""
     if len(samples) < MIN_SAMPLES:
         raise InputError(f"{name}: expected at least {MIN_SAMPLES} samples at different places, found {len(samples)}")
     width, height = size
-    for i, sample in enumerate(samples, 1):
-        left, top, w, h = sample.box_px
-        slack = 3.0 + 0.02 * max(w, h)
-        if left < -slack or top < -slack or left + w > width + slack or top + h > height + slack:
-            raise InputError(
-                f"{name}: expected boxes inside the image of {width}x{height}, found sample {i} at "
-                f"({left:g}, {top:g}) of {w:g}x{h:g} (wrong image size?)"
-            )
+    for number, sample in enumerate(samples, 1):
+        left, top, box_width, box_height = sample.box_px
+        slack = 3.0 + 0.02 * max(box_width, box_height)
+        over_right = left + box_width - width
+        over_bottom = top + box_height - height
+        if max(-left, -top, over_right, over_bottom) > slack:
+            found = f"sample {number} at ({left:g}, {top:g}) of {box_width:g}x{box_height:g} (wrong image size?)"
+            raise InputError(f"{name}: expected boxes inside the image of {width}x{height}, found {found}")
     feet = np.array([s.foot_px for s in samples])
     spread = float(np.hypot(*np.ptp(feet, axis=0)))
     typical = float(np.median([s.diagonal_px for s in samples]))
@@ -116,7 +123,7 @@ def check_samples(samples: Sequence[HumanSample], size: tuple[int, int], name: s
 
 
 def only_boxes(rows: F64) -> bool:
-    """Whether heads and feet of (n, 8) rows are but the middles of the boxes' edges, so that they add nothing.
+    """True if heads and feet of (n, 8) rows are but the middles of the boxes' edges, so that they add nothing.
 
     Taken at their word they would mean that people never lean outwards in the image, which is an infinite focal length.
     """
@@ -126,7 +133,7 @@ def only_boxes(rows: F64) -> bool:
 
 
 def level_ends(rows: F64) -> bool:
-    """Whether the boxes of (n, 8) rows end at the marked heads and feet, where an outline reaches beyond them."""
+    """True if the boxes of (n, 8) rows end at the marked heads and feet, where an outline reaches beyond them."""
     ends = np.sort(rows[:, [5, 7]], axis=1)
     return bool((np.abs(ends - rows[:, [1, 3]]) <= 1.0).all())
 
@@ -139,27 +146,25 @@ def read_samples(path: Path) -> tuple[HumanSample, ...]:
     as keys. Raises InputError: unreadable, columns missing, or values that cannot be a person's.
     """
     samples = []
-    data = _content(path)
+    data = _load(path)
     rows = data.get("samples") if isinstance(data, dict) else data
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise InputError(f"{path}: expected a list of samples with box, head and foot, found something else")
-    for i, row in enumerate(rows, 1):
+    for number, row in enumerate(rows, 1):
         try:
             samples.append(_sample(row))
         except KeyError as error:
-            raise InputError(
-                f"{path}: expected the columns {', '.join(COLUMNS)} (or box, head, foot in JSON), "
-                f"found no {error} in sample {i}"
-            ) from error
+            columns = f"the columns {', '.join(COLUMNS)} (or box, head, foot in JSON)"
+            raise InputError(f"{path}: expected {columns}, found no {error} in sample {number}") from error
         except (ValueError, TypeError, OverflowError) as error:
-            raise InputError(f"{path}: expected a standing person in sample {i}, found: {error}") from error
+            raise InputError(f"{path}: expected a standing person in sample {number}, found: {error}") from error
     return tuple(samples)
 
 
 def read_image_size(path: Path) -> tuple[int, int] | None:
     """(width, height) [px] of the image that the samples of a JSON were taken in; None where it has none. Raises
     InputError: unreadable, or an "image_size" that is not two positive whole numbers."""
-    data = _content(path)
+    data = _load(path)
     size = data.get("image_size") if isinstance(data, dict) else None
     if size is None:
         return None
@@ -172,21 +177,32 @@ def read_image_size(path: Path) -> tuple[int, int] | None:
 def write_samples(samples: Sequence[HumanSample], path: Path, image_size: tuple[int, int] | None = None) -> None:
     """Write samples as JSON with the (width, height) of their image, or as CSV when the name ends so."""
     if path.suffix.lower() == ".csv":
-        columns = ["frame", *COLUMNS, *["height_m"] * any(s.height_m is not None for s in samples)]
-        text = StringIO()
-        table = csv.writer(text, lineterminator="\n")
-        table.writerow(columns)
-        for s in samples:
-            table.writerow([s.frame, *map(float, (*s.box_px, *s.head_px, *s.foot_px)), s.height_m][: len(columns)])
-        write_whole(path, text.getvalue())
+        write_whole(path, _csv_text(samples))
         return
-    names = {"frame": "frame", "box": "box_px", "head": "head_px", "foot": "foot_px", "height_m": "height_m"}
-    rows = [{k: v for k, name in names.items() if (v := getattr(s, name)) is not None} for s in samples]
-    size = {} if image_size is None else {"image_size": image_size}
-    write_whole(path, json.dumps({**size, "samples": rows}, indent=1) + "\n")
+    data: dict[str, Any] = {}
+    if image_size is not None:
+        data["image_size"] = image_size
+    data["samples"] = []
+    for sample in samples:
+        row = {"frame": sample.frame, "box": sample.box_px, "head": sample.head_px, "foot": sample.foot_px}
+        if sample.height_m is not None:
+            row["height_m"] = sample.height_m
+        data["samples"].append(row)
+    write_whole(path, json.dumps(data, indent=1) + "\n")
 
 
-def _content(path: Path) -> Any:
+def _csv_text(samples: Sequence[HumanSample]) -> str:
+    has_heights = any(sample.height_m is not None for sample in samples)
+    text = StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(["frame", *COLUMNS, "height_m"] if has_heights else ["frame", *COLUMNS])
+    for sample in samples:
+        row = [sample.frame, *map(float, (*sample.box_px, *sample.head_px, *sample.foot_px))]
+        table.writerow([*row, sample.height_m] if has_heights else row)
+    return text.getvalue()
+
+
+def _load(path: Path) -> Any:
     """The value of a JSON, or the rows of a CSV."""
     text = read_text(path, "a CSV or JSON file of samples", 10_000_000)
     if text.lstrip()[:1] in ("[", "{"):
@@ -197,16 +213,23 @@ def _content(path: Path) -> Any:
 
 
 def _sample(row: Mapping[str, Any]) -> HumanSample:
-    frame = int(float(row.get("frame") or 0)) if row.get("frame") not in (None, "") else -1
     if "box" in row:
-        left, top, width, height = (_number(v) for v in row["box"])
-        (head_u, head_v), (foot_u, foot_v) = ([_number(v) for v in row[name]] for name in ("head", "foot"))
+        values = [*row["box"], *row["head"], *row["foot"]]
     else:
-        long = {**{f"{name}_px": value for name, value in row.items()}, **row}
-        left, top, width, height, head_u, head_v, foot_u, foot_v = (_number(long[name]) for name in COLUMNS)
-    body = row.get("height_m")
-    body_m = None if body is None or body == "" else _number(body)
-    return HumanSample((left, top, width, height), (head_u, head_v), (foot_u, foot_v), frame, body_m)
+        values = []
+        for name in COLUMNS:
+            short = name.removesuffix("_px")
+            values.append(row[short] if short in row else row[name])
+    left, top, width, height, head_u, head_v, foot_u, foot_v = map(_number, values)
+    frame = row.get("frame")
+    height_m = row.get("height_m")
+    return HumanSample(
+        (left, top, width, height),
+        (head_u, head_v),
+        (foot_u, foot_v),
+        frame=-1 if frame in (None, "") else int(float(frame)),
+        height_m=None if height_m in (None, "") else _number(height_m),
+    )
 
 
 def _number(value: Any) -> float:
@@ -226,12 +249,14 @@ def choose_spread(samples: Sequence[HumanSample], count: int) -> tuple[HumanSamp
     area = kmeans2(feet, count, minit="++", rng=0)[1]
     heights = np.array([s.box_px[3] for s in samples])
     chosen = []
-    for k in np.unique(area):
-        members = np.flatnonzero(area == k)
-        distance = np.hypot(*(feet[members] - feet[members].mean(axis=0)).T)
-        near = members[np.argsort(distance, kind="stable")[: max(3, len(members) // 2)]]
+    for number in np.unique(area):
+        members = np.flatnonzero(area == number)
+        offsets = feet[members] - feet[members].mean(axis=0)
+        by_distance = members[np.argsort(np.hypot(*offsets.T), kind="stable")]
+        near = by_distance[: max(3, len(members) // 2)]
         # Height follows the foot's row; what is left over is the person.
         rows = np.column_stack([np.ones(len(near)), feet[near, 1]])
-        left_over = heights[near] - rows @ np.linalg.lstsq(rows, heights[near], rcond=None)[0]
-        chosen.append(int(near[np.argsort(left_over, kind="stable")[len(near) // 2]]))
+        line = np.linalg.lstsq(rows, heights[near], rcond=None)[0]
+        by_height = near[np.argsort(heights[near] - rows @ line, kind="stable")]
+        chosen.append(int(by_height[len(near) // 2]))
     return tuple(samples[i] for i in sorted(chosen))

@@ -18,7 +18,7 @@ from calib.images import as_colour, write_image
 from calib.io import parse_size
 from calib.people.calibration import HumanCalibration, calibrate_from_people
 from calib.people.model import KnownValues
-from calib.people.samples import HumanSample, check_samples, read_image_size, read_samples, write_samples
+from calib.people.samples import HumanSample, read_image_size, read_samples, refuse_bad_samples, write_samples
 from calib.rig import Floor
 from calib.types import F64, U8
 from calib.world import load_world, save_world
@@ -231,7 +231,7 @@ def human(
     else:
         taken = read_samples(path)
         independent = None
-    check_samples(taken, size, str(path))
+    refuse_bad_samples(taken, size, str(path))
     console.print(f"fitting a camera to {len(taken)} sightings of people: half a minute for 50")
     found = calibrate_from_people(taken, size, lens, known=known, independent=independent, name=str(path))
     if not (found.assessment.enough or rough):
