@@ -12,6 +12,7 @@ BENCHMARKS = {
     "suite": "Render the scenes of a seed, track and score them.",
     "claims": "Compare what tracks say of themselves with the truth of rendered scenes.",
     "real": "Score every real recording with truth, and the baseline of height peaks.",
+    "jitter": "Print how far scores spread when times and depths change by less than their errors.",
     "speed": "Time the engine and its start.",
     "counting": "Score counts and occupancy on rendered recordings.",
     "pets": "Score the single-camera trackers on PETS S2-L1 view 1.",
