@@ -12,7 +12,6 @@ import numpy as np
 
 from benchmarks.members import Table, Variation, draw_member, scenes_of
 from benchmarks.options import Report, Row, benchmark, cache_folder, progress, rendered, scene_files, tables
-from calib.errors import InputError
 from calib.io import load_toml
 from calib.types import F64
 from planview.api.arguments import in_range
@@ -144,8 +143,6 @@ class Scorer:
         recording = rendered(scene, name, self.cache, self.n_frames)
         progress(f"tracking {name} with {self.tracker}")
         engine = open_engine(recording, self.tracker, self.config, recording / "camera.toml")
-        if engine.stereo is not None:
-            raise InputError(f"{recording}: expected the recording of a single camera, found a stereo pair")
         tracks = run(engine, out=self.out / name, overwrite=True, quiet=True)
         truth = read_truth(recording / "truth.csv")
         n_frames = self.n_frames or engine.recording.n_frames

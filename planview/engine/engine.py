@@ -17,7 +17,7 @@ from calib.types import F32
 from planview.checks.check import Check
 from planview.engine.config import Config
 from planview.engine.info import CameraInfo, FloorInfo, camera_info, floor_info
-from planview.engine.sensor import Sensor, StageClock
+from planview.engine.sensor import DepthSensor, Sensor, StageClock
 from planview.maps.grid import FloorRig
 from planview.maps.plan_view import joint_grid, plan_view
 from planview.maps.view import View
@@ -46,7 +46,7 @@ class FrameResult:
         decisions: why the tracker did what it did.
         observation: the tracker's input: the views and their maps.
         stages_ms: time of every stage; reading and matching run ahead in another thread.
-        stereo: the first sensor above the floor; None for one camera.
+        rigs: the sensors with depth above the floor; empty for one camera.
     """
 
     frame: int
@@ -55,7 +55,7 @@ class FrameResult:
     decisions: tuple[Decision, ...]
     observation: Observation
     stages_ms: dict[str, float]
-    stereo: FloorRig | None = None
+    rigs: tuple[FloorRig, ...] = ()
 
     def __repr__(self) -> str:
         return f"FrameResult(frame {self.frame}, {self.timestamp_s:.2f} s, {len(self.tracks)} tracks)"
@@ -78,11 +78,11 @@ class FrameResult:
     def point_cloud(self) -> PointCloud:
         """What the first sensor measured, as an ``open3d.geometry.PointCloud``: metres on the axes of the tracks,
         colours of the image. Raises InputError: one camera without depth, or recorded maps."""
-        if self.stereo is None or self.depth is None:
+        depth = self.depth
+        if depth is None:
             raise InputError("expected a stereo pair or images with depth for a point cloud, found no disparity")
-        pose = self.stereo.floor.world_SE3_left
-        geometry = self.stereo.geometry
-        return point_cloud(self.depth.disparity, self.depth.image, geometry, pose, self.depth.step)
+        rig = self.rigs[0]
+        return point_cloud(depth.disparity, depth.image, rig.geometry, rig.floor.world_SE3_left, depth.step)
 
 
 class Trackable(Protocol):
@@ -123,8 +123,7 @@ class Engine:
         config: the full effective configuration.
         sensors: what recorded it, made ready; ``camera`` and ``size`` are those of the first, in whose image boxes are.
         tracker: follows people.
-        rigs: by name, the sensors that measure depth, the first over the grid of the maps; empty for one camera.
-        stereo: the first of these; None for one camera.
+        rigs: by name, those that measure depth, the first over the grid of the maps; empty for one camera.
         ahead: frames that iteration measures ahead in a thread of their own; 0 for one thread.
         tracker_name: for run.json; "joint" and the like, else the class of the tracker.
         own_parts: by what they are ("matcher", "tracker"), the parts that the user made: no configuration describes
@@ -135,7 +134,7 @@ class Engine:
         self,
         recording: Trackable,
         config: Config,
-        sensors: Sequence[Sensor],
+        sensors: Sequence[Sensor[Any, Any]],
         tracker: Tracker,
         camera_source: str = "given",
         tracker_name: str = "",
@@ -161,19 +160,25 @@ class Engine:
         self.ahead = min(sensor.ahead for sensor in sensors)
         self._last_s = -math.inf
         self._camera_source = camera_source
-        self.rigs = {sensor.name: sensor.rig for sensor in sensors if sensor.rig is not None}
-        self.stereo: FloorRig | None = None
-        if sensors[0].rig is not None:
+        self.rigs = {sensor.name: sensor.rig for sensor in sensors if isinstance(sensor, DepthSensor)}
+        for name, rig in [*self.rigs.items()][:1]:
             try:
-                grid = joint_grid([rig.grid for rig in self.rigs.values()])
+                grid = joint_grid([each.grid for each in self.rigs.values()])
             except ValueError as error:
                 raise InputError(
                     f"{recording.path}: expected sensors of one place, found them far apart: {error}"
                 ) from error
-            self.stereo = self.rigs[sensors[0].name] = replace(sensors[0].rig, grid=grid)
+            self.rigs[name] = replace(rig, grid=grid)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.recording!r}, {type(self.tracker).__name__})"
+
+    @property
+    def stereo(self) -> FloorRig:
+        """The first of ``rigs``. Raises InputError: one camera without depth."""
+        for rig in self.rigs.values():
+            return rig
+        raise InputError(f"{self.recording.path}: expected a stereo pair or images with depth, found one camera")
 
     def __iter__(self) -> Iterator[FrameResult]:
         """Track the recording from its first frame; each iteration starts with ``reset``."""
@@ -234,13 +239,12 @@ class Engine:
         clock.record("track")
         self._last_s = frame.timestamp_s
         at = frame.index, frame.timestamp_s
-        return FrameResult(*at, people, self.tracker.decisions, observation, clock, self.stereo)
+        return FrameResult(*at, people, self.tracker.decisions, observation, clock, (*self.rigs.values(),))
 
     def _observation(self, frame: Frame[Any], views: tuple[View, ...]) -> Observation:
-        builder = self.sensors[0].views
-        if self.stereo is None or builder is None:
+        if not self.rigs:
             return Observation(frame.index, frame.timestamp_s, views)
-        build = partial(plan_view, [view.points for view in views], self.stereo.grid, builder.params)
+        build = partial(plan_view, [view.points for view in views], self.stereo.grid, self.config.maps)
         return Observation(frame.index, frame.timestamp_s, views, self.camera, build)
 
     def study(self, every: int) -> None:
@@ -268,7 +272,7 @@ class Engine:
 
     def floor_info(self) -> FloorInfo | None:
         """The floor as ``run.json`` has it; None where there is no calibrated camera."""
-        return floor_info(self.camera, self.stereo, self._camera_source)
+        return floor_info(self.camera, self.rigs, self._camera_source)
 
     def reset(self) -> None:
         """Forget all frames: people, background and feedback."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import singledispatch
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -84,14 +85,10 @@ class CameraInfo(InfoPart):
     """All cameras of a recording with several rigs, the first one included."""
 
 
+@singledispatch
 def camera_info(camera: FloorCamera | None, rigs: Mapping[str, FloorRig]) -> CameraInfo | None:
     """The camera of the first of some rigs by name, with those of all where there are several, or a single camera; None
     for one that is not calibrated."""
-    if isinstance(camera, GroundCamera):
-        # The view ends where a person of 1.7 m is so high in the image [px] (our choice).
-        view_m = _outline(camera, max(VIEW_DISTANCE_M, 1.7 * camera.focal_px / 20.0))
-        width, height = camera.size
-        return CameraInfo(width=width, height=height, focal_px=camera.focal_px, lens=camera.lens, view_m=view_m)
     sensors = [_rig_info(rig) for rig in rigs.values()]
     if len(sensors) > 1:
         for sensor, (name, rig) in zip(sensors, rigs.items(), strict=True):
@@ -100,6 +97,14 @@ def camera_info(camera: FloorCamera | None, rigs: Mapping[str, FloorRig]) -> Cam
             sensor.at_m = (x_m, y_m)
         return sensors[0].model_copy(update={"sensors": sensors})
     return sensors[0] if sensors else None
+
+
+@camera_info.register(GroundCamera)
+def _one_camera_info(camera: GroundCamera, _rigs: Mapping[str, FloorRig]) -> CameraInfo:
+    # The view ends where a person of 1.7 m is so high in the image [px] (our choice).
+    view_m = _outline(camera, max(VIEW_DISTANCE_M, 1.7 * camera.focal_px / 20.0))
+    width, height = camera.size
+    return CameraInfo(width=width, height=height, focal_px=camera.focal_px, lens=camera.lens, view_m=view_m)
 
 
 def _rig_info(rig: FloorRig) -> CameraInfo:
@@ -120,25 +125,30 @@ def _rig_info(rig: FloorRig) -> CameraInfo:
     )
 
 
-def floor_info(camera: FloorCamera | None, rig: FloorRig | None, source: str = "given") -> FloorInfo | None:
-    """The floor below a rig, or below a single camera of a ``source``; None for one that is not calibrated."""
-    floor = camera if isinstance(camera, GroundCamera) else None if rig is None else rig.floor
-    if floor is None:
-        return None
-    tilt_deg = math.degrees(floor.tilt_rad)
-    roll_deg = math.degrees(floor.roll_rad)
-    if rig is None:
-        return FloorInfo(height_m=floor.height_m, tilt_deg=tilt_deg, roll_deg=roll_deg, source=source)
-    known = not math.isnan(rig.floor.inlier_fraction)
-    return FloorInfo(
-        height_m=floor.height_m,
-        tilt_deg=tilt_deg,
-        roll_deg=roll_deg,
-        inlier_fraction=rig.floor.inlier_fraction if known else None,
-        residual_m=rig.floor.residual_m if known else None,
-        world_SE3_left=rig.floor.world_SE3_left.matrix.tolist(),
-        source=rig.floor_source,
-    )
+@singledispatch
+def floor_info(camera: FloorCamera | None, rigs: Mapping[str, FloorRig], source: str) -> FloorInfo | None:
+    """The floor below the first of some rigs, or below a single camera of a ``source``; None for one that is not
+    calibrated."""
+    for rig in rigs.values():
+        floor = rig.floor
+        known = not math.isnan(floor.inlier_fraction)
+        return FloorInfo(
+            height_m=floor.height_m,
+            tilt_deg=math.degrees(floor.tilt_rad),
+            roll_deg=math.degrees(floor.roll_rad),
+            inlier_fraction=floor.inlier_fraction if known else None,
+            residual_m=floor.residual_m if known else None,
+            world_SE3_left=floor.world_SE3_left.matrix.tolist(),
+            source=rig.floor_source,
+        )
+    return None
+
+
+@floor_info.register(GroundCamera)
+def _one_camera_floor_info(camera: GroundCamera, _rigs: Mapping[str, FloorRig], source: str) -> FloorInfo:
+    tilt_deg = math.degrees(camera.tilt_rad)
+    roll_deg = math.degrees(camera.roll_rad)
+    return FloorInfo(height_m=camera.height_m, tilt_deg=tilt_deg, roll_deg=roll_deg, source=source)
 
 
 def camera_of(rig: CameraInfo, floor: FloorInfo) -> FloorCamera | None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import singledispatch
 from pathlib import Path
-from typing import Any, Literal, cast, get_args
+from typing import Any, Literal, NamedTuple, cast, get_args
 
 from numpy.typing import ArrayLike
 
@@ -13,7 +14,7 @@ from calib.formats.one_camera import load_one_camera
 from calib.ground_camera import GroundCamera
 from planview.engine.config import Config, config_of
 from planview.engine.engine import Engine
-from planview.engine.sensor import CameraSensor, RecordedSensor, RigSensor, Sensor
+from planview.engine.sensor import CameraSensor, DepthSensor, RecordedSensor, RigSensor
 from planview.engine.setup import Setup, set_up
 from planview.maps.grid import floor_in_view
 from planview.maps.recording import MapsRecording, RecordedViews, is_maps
@@ -110,51 +111,87 @@ def engine_of(
         setup: of the recording of one sensor; ``set_up`` finds it when None.
         study: the tracker of one camera looks at the beginning of the recording first.
     """
-    config = config or _default_config(recording)
     first = recording.parts[0].sensor
-    name: str = tracker if isinstance(tracker, str) else ""
-    own_parts: dict[str, object] = {} if name else {"tracker": tracker}
+    config = config or _default_config(first, recording.path)
+    parts = _Parts(camera, matcher, detections, setup, study)
     if matcher is not None and not all(isinstance(part.sensor, StereoPair) for part in recording.parts):
         raise InputError(f"{recording.path}: a matcher of your own needs a recording of stereo pairs alone")
     if setup is not None and len(recording.parts) > 1:
         raise InputError(f"{recording.path}: a setup is of one sensor, and this recording has {len(recording.parts)}")
-    if isinstance(first, SingleCamera):
-        ground_camera = load_one_camera(camera, first.size) if isinstance(camera, Path) else camera
-        if detections is not None:
-            follower: ImageTracker = _box_tracker(recording.n_frames, first, detections, config, ground_camera)
-            name = "detections"
-            own_parts = {"detections": detections}
-        else:
-            follower = _image_tracker(_that_fits(tracker, "image", recording), config, ground_camera)
-        refuse_untimed(recording)
-        sensor = CameraSensor(config.single_camera, first.size, follower, ground_camera)
-        source = camera.name if isinstance(camera, Path) else "given"
-        engine = Engine(recording, config, [sensor], follower, source, name, own_parts)
-        if study:
-            engine.study(max(1, round(recording.fps / OVERVIEW_HZ)))
-        return engine
-    if detections is not None:
+    return _engine_of(first, recording, tracker, config, parts)
+
+
+class _Parts(NamedTuple):
+    """What an engine is made of besides a recording, its tracker and the configuration (see ``engine_of``)."""
+
+    camera: Path | GroundCamera | None
+    matcher: Matcher | None
+    detections: Path | str | Sequence[ArrayLike] | None
+    setup: Setup | None
+    study: bool
+
+
+@singledispatch
+def _engine_of(first: object, recording: AnySource, tracker: AnyTracker, config: Config, parts: _Parts) -> Engine:
+    """An engine for sensors with depth, by the kind of the first."""
+    if parts.detections is not None:
         problem = f"{recording.path} is no video of one camera, and boxes are tracked in one image"
         raise InputError(problem, argument="detections")
     floor_tracker = _floor_tracker(_that_fits(tracker, "maps", recording), config)
-    sensors = [_sensor_above_floor(part, config, matcher, setup) for part in recording.parts]
-    matcher = setup.matcher if setup is not None else matcher
+    sensors = []
+    for part in recording.parts:
+        refuse_untimed(part)
+        sensors.append(_sensor_above_floor(part.sensor, part, config, parts))
+    own_parts = _own_tracker(tracker)
+    matcher = parts.matcher if parts.setup is None else parts.setup.matcher
     if matcher is not None:
         own_parts["matcher"] = matcher
-    return Engine(recording, config, sensors, floor_tracker, tracker_name=name, own_parts=own_parts)
+    return Engine(recording, config, sensors, floor_tracker, tracker_name=_name(tracker), own_parts=own_parts)
 
 
-def _sensor_above_floor(part: Any, config: Config, matcher: Matcher | None, setup: Setup | None) -> Sensor:
-    """What recorded a part of a recording, made ready."""
-    refuse_untimed(part)
-    if isinstance(part.sensor, RecordedViews):
-        return _recorded_sensor(part.path, part.sensor, config)
-    return RigSensor(setup or set_up(part, config, matcher), config, part.name)
+@_engine_of.register
+def _engine_of_camera(
+    first: SingleCamera, recording: Recording[SingleCamera], tracker: AnyTracker, config: Config, parts: _Parts
+) -> Engine:
+    camera = parts.camera
+    ground_camera = load_one_camera(camera, first.size) if isinstance(camera, Path) else camera
+    if parts.detections is None:
+        follower = _image_tracker(_that_fits(tracker, "image", recording), config, ground_camera)
+        name = _name(tracker)
+        own_parts = _own_tracker(tracker)
+    else:
+        follower = _box_tracker(recording.n_frames, first, parts.detections, config, ground_camera)
+        name = "detections"
+        own_parts = {"detections": parts.detections}
+    refuse_untimed(recording)
+    sensor = CameraSensor(config.single_camera, first.size, follower, ground_camera)
+    source = camera.name if isinstance(camera, Path) else "given"
+    engine = Engine(recording, config, [sensor], follower, source, name, own_parts)
+    if parts.study:
+        engine.study(max(1, round(recording.fps / OVERVIEW_HZ)))
+    return engine
 
 
-def _recorded_sensor(path: Path, sensor: RecordedViews, config: Config) -> RecordedSensor:
+def _name(tracker: AnyTracker) -> str:
+    """Name of a tracker; empty for one's own."""
+    return tracker if isinstance(tracker, str) else ""
+
+
+def _own_tracker(tracker: AnyTracker) -> dict[str, object]:
+    return {} if isinstance(tracker, str) else {"tracker": tracker}
+
+
+@singledispatch
+def _sensor_above_floor(sensor: object, part: Any, config: Config, parts: _Parts) -> DepthSensor[Any, Any]:
+    """What recorded a part of a recording, made ready: a pair or a depth camera."""
+    return RigSensor(parts.setup or set_up(part, config, parts.matcher), config, part.name)
+
+
+@_sensor_above_floor.register
+def _recorded_sensor(sensor: RecordedViews, part: MapsRecording, config: Config, parts: _Parts) -> RecordedSensor:
     """Raises InputError: a parameter that decided which points were recorded differs, or maps of another rig."""
-    recorded = recorded_config(path, sensor)
+    path = part.path
+    recorded = _recorded_config(sensor, path)
     fixed = [(name, getattr(recorded, name), getattr(config, name)) for name in FIXED_TABLES]
     fixed += [(f"maps.{n}", getattr(recorded.maps, n), getattr(config.maps, n)) for n in FIXED_MAP_PARAMETERS]
     for name, before, now in fixed:
@@ -169,9 +206,15 @@ def _recorded_sensor(path: Path, sensor: RecordedViews, config: Config) -> Recor
         raise InputError(f"{path}: {error}") from error
 
 
-def recorded_config(path: Path, sensor: RecordedViews) -> Config:
-    """The configuration that made a plan-view recording. Raises InputError: it has parameters that this version does
-    not know."""
+@singledispatch
+def _default_config(sensor: object, path: Path) -> Config:
+    """What parameters are changed from: those that made the plan-view maps, else the defaults."""
+    return Config()
+
+
+@_default_config.register
+def _recorded_config(sensor: RecordedViews, path: Path) -> Config:
+    """Raises InputError: parameters that this version does not have."""
     try:
         return Config.model_validate_json(sensor.config)
     except ValueError as error:
@@ -180,17 +223,10 @@ def recorded_config(path: Path, sensor: RecordedViews) -> Config:
         ) from error
 
 
-def _default_config(recording: AnySource) -> Config:
-    """What parameters are changed from: those that made the plan-view maps, else the defaults."""
-    if isinstance(recording, MapsRecording):
-        return recorded_config(recording.path, recording.sensor)
-    return Config()
-
-
 def base_config(path: Path) -> Config:
     """What parameters are changed from, of a recording that is not open yet. Raises InputError: maps that cannot be
     read."""
-    return _default_config(MapsRecording(path)) if is_maps(path) else Config()
+    return _recorded_config(MapsRecording(path).sensor, path) if is_maps(path) else Config()
 
 
 def _needs(tracker: AnyTracker) -> Needs:

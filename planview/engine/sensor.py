@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import cv2
 import numpy as np
@@ -36,9 +36,11 @@ from planview.maps.view import View, ViewBuilder
 from planview.tracking.base import Decision, ImageTracker
 from planview.trajectories.state import TrackState
 from stereo.depth import Depth, Matched
-from stereo.recording import Frame, Shot, SingleCamera
+from stereo.recording import Frame, Shot, SingleCamera, refuse_foreign_shot
 from stereo.viewpoint import Standing, Viewpoints
 
+S = TypeVar("S")
+M = TypeVar("M")
 MOTION_LEVEL = 10.0
 """Change of luma, averaged over 3x3 pixels, between two frames that is motion (levels of 255). Our choice: 8-bit
 video has a noise of 3 to 4 levels, 1.3 in the average and 1.9 between two frames; five times that."""
@@ -64,15 +66,14 @@ class StageClock(dict[str, float]):
         self[stage] = self.get(stage, 0.0) + 1e3 * (self._since - since)
 
 
-class Sensor(Protocol):
-    """What the engine asks of a sensor, for every frame in this order: ``measure``, ``look``, ``protect``.
+class Sensor(Protocol[S, M]):
+    """What the engine asks of every sensor, for every frame in this order: ``measure``, ``look``, ``protect``; ``S`` is
+    what it records at one moment, ``M`` what it measures of that.
 
     Attributes:
         name: among several sensors.
         camera: the (rectified left) camera above the floor; None for a camera that is not calibrated.
         size: (width, height) of its images [px].
-        rig: of sensors that measure depth, above the floor, with the grid of the maps; else None.
-        views: of sensors that measure depth, what makes their views and maps; else None.
         ahead: frames that may be measured ahead in a thread of their own; 0 for none.
         records: whether its views can be recorded as plan-view maps.
         checks: of the recording so far: before its first frame, and from the frames seen.
@@ -87,15 +88,9 @@ class Sensor(Protocol):
     def camera(self) -> FloorCamera | None: ...
 
     @property
-    def rig(self) -> FloorRig | None: ...
-
-    @property
-    def views(self) -> ViewBuilder | None: ...
-
-    @property
     def checks(self) -> Sequence[Check]: ...
 
-    def measure(self, shot: Any, clock: StageClock) -> Any:
+    def measure(self, shot: S, clock: StageClock) -> M:
         """How far away what a shot shows is; what measures nothing gives back the shot. Depends on no
         tracking, since it runs ahead.
 
@@ -103,7 +98,7 @@ class Sensor(Protocol):
             InputError, ValueError: a shot of another kind of sensor, or images of another size.
         """
 
-    def look(self, measured: Any, frame: Frame[Any], clock: StageClock) -> View:
+    def look(self, measured: M | None, frame: Frame[S], clock: StageClock) -> View:
         """What the sensor shows in a frame, by what was learned of the frames before.
 
         Args:
@@ -118,8 +113,20 @@ class Sensor(Protocol):
         """By name, the objects that hold what is carried from frame to frame."""
 
 
+@runtime_checkable
+class DepthSensor(Sensor[S, M], Protocol[S, M]):
+    """What the engine asks besides of a sensor that measures depth.
+
+    Attributes:
+        rig: it above the floor, with the grid of its maps.
+    """
+
+    @property
+    def rig(self) -> FloorRig: ...
+
+
 class RigSensor(Carried):
-    """A pair or a depth sensor above its floor.
+    """A pair or a depth camera above its floor: a ``DepthSensor``.
 
     Attributes:
         standing, foreground, views, feedback: the stages after measuring.
@@ -202,11 +209,11 @@ class RigSensor(Carried):
 
 
 class CameraSensor(Carried):
-    """One camera without depth: measures nothing, and separates the foreground and what moves (Zhang et al. 2008,
-    section 2)."""
+    """One camera without depth, a ``Sensor``: measures nothing, and separates the foreground and what moves (Zhang et
+    al. 2008, section 2)."""
 
     CARRIED = "_past", "_labels"
-    ahead, records, name, rig, views = 0, False, "", None, None
+    ahead, records, name = 0, False, ""
 
     def __init__(
         self,
@@ -260,8 +267,7 @@ class CameraSensor(Carried):
 
     def measure(self, shot: Shot, clock: StageClock) -> U8:
         """The image: one camera has no depth."""
-        if len(shot) != 1:
-            raise InputError(f"frame: expected one image, found {len(shot)}")
+        refuse_foreign_shot(shot, SingleCamera.holds)
         (image,), expected = shot, self.size
         if image.shape[1::-1] != expected:
             height, width = image.shape[:2]
@@ -335,7 +341,7 @@ class CameraSensor(Carried):
 
 
 class RecordedSensor:
-    """A sensor whose foreground points were recorded: it has measured and looked already.
+    """A ``DepthSensor`` whose foreground points were recorded: it has measured and looked already.
 
     With the parameters of the recording the tracks are the same bit for bit. With others they are an approximation:
     the feedback that the recording's tracker gave to its foreground stays in the points.

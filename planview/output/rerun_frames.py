@@ -30,27 +30,25 @@ class RerunFrames:
 
     def __init__(self, engine: Engine, stream: rr.RecordingStream, *, has_scene: bool = True) -> None:
         self._engine = engine
-        self._stereo = engine.stereo
+        self._layout = shapes.layout_of(engine)
         self._stream = stream
         self._shown: set[str] = set()
         self._curves: set[str] = set()
         # Of the first frame, then three seconds later, when the foreground knows people.
-        self._scenes_at_s = [-math.inf] if self._stereo and has_scene else []
+        self._scenes_at_s = [-math.inf] if has_scene else []
         self.keep("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-        path = "world/camera"
-        for name, stereo in engine.rigs.items():
-            if stereo is not engine.stereo:
-                path = f"world/{name}"
-            pose = stereo.floor.world_SE3_left
+        names = ["camera", *[*engine.rigs][1:]]
+        for name, rig in zip(names, engine.rigs.values(), strict=False):
+            pose = rig.floor.world_SE3_left
             lens = rr.Pinhole(
-                image_from_camera=stereo.geometry.matrix,
-                resolution=stereo.geometry.size,
+                image_from_camera=rig.geometry.matrix,
+                resolution=rig.geometry.size,
                 camera_xyz=rr.ViewCoordinates.RDF,
                 image_plane_distance=0.4,
             )
-            self.keep(path, rr.Transform3D(translation=pose.translation, mat3x3=pose.rotation), lens)
-        if self._stereo:
-            self.keep("world/floor", shapes.metre_grid(shapes.shown_floor(self._stereo)))
+            self.keep(f"world/{name}", rr.Transform3D(translation=pose.translation, mat3x3=pose.rotation), lens)
+        for rig in [*engine.rigs.values()][:1]:
+            self.keep("world/floor", shapes.metre_grid(shapes.shown_floor(rig)))
 
     def keep(self, path: str, *things: rr.AsComponents) -> None:
         """Log what holds for all frames."""
@@ -74,12 +72,13 @@ class RerunFrames:
         self._log_series(result)
 
     def _log_scene(self, result: FrameResult) -> None:
-        if self._stereo is None or result.depth is None or not self._scenes_at_s:
+        if result.depth is None or not self._scenes_at_s:
             return
+        stereo = self._engine.stereo
         due_s = self._scenes_at_s[0]
         if result.timestamp_s >= due_s:
-            self.keep("world/scene", shapes.scene_cloud(result.depth, result.views[0], self._stereo))
-            self.keep("plan/floor", shapes.floor_image(result.depth.picture(), self._stereo))
+            self.keep("world/scene", shapes.scene_cloud(result.depth, result.views[0], stereo))
+            self.keep("plan/floor", shapes.floor_image(result.depth.picture(), stereo))
             self._scenes_at_s = [result.timestamp_s + 3.0] if math.isinf(due_s) else []
 
     def _log_images(self, result: FrameResult) -> None:
@@ -91,8 +90,8 @@ class RerunFrames:
             image = view.image if view.depth is None else view.depth.picture()
             if image is not None:
                 self._log_image(path, image, view.foreground)
-        if self._stereo:
-            self._log_depth(self._stereo, result)
+        for rig in [*self._engine.rigs.values()][:1]:
+            self._log_depth(rig, result)
         self._log_drawings(result)
 
     def _log_image(self, path: str, image: U8, foreground: U8 | None) -> None:
@@ -155,8 +154,7 @@ class RerunFrames:
         boxes = rr.Boxes3D(centers=centres, sizes=sizes, colors=colours, labels=list(map(_label, tracks)))
         self._stream.log("world/people", boxes)
         # The blueprint shows those of some seconds together.
-        trails = "world/trails" if self._stereo else "plan/trails"
-        self._stream.log(trails, rr.Points3D(feet, colors=colours, radii=0.03))
+        self._stream.log(self._layout.trails, rr.Points3D(feet, colors=colours, radii=0.03))
         self._stream.log("plan/people", rr.Points3D(feet, colors=colours, radii=0.05))
         floor, image = shapes.facing_shapes(tracks, self._engine.camera)
         self._stream.log("world/facing", *floor)

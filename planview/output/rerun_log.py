@@ -58,7 +58,7 @@ def _log_points(
 def _stream(engine: Engine, name: str, flush_s: float) -> rr.RecordingStream:
     """A stream whose files belong to one recording by its name; the viewer keeps a layout per application."""
     return rr.RecordingStream(
-        "planview" if engine.stereo else "planview-single",
+        shapes.layout_of(engine).application,
         recording_id=f"planview-{name}",
         batcher_config=rr.ChunkBatcherConfig(flush_tick=flush_s),
     )

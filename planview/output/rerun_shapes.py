@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -241,23 +241,18 @@ MAP_LAYERS = [
 def blueprint(engine: Engine, people: PlanBounds | None = None) -> rrb.Blueprint:
     """Image and disparity, 3D view, both maps, decisions and series; of one camera its image large, and the floor from
     above where it is known. The views show where people were, else the visible floor."""
-    views: rrb.Container
-    if engine.stereo is None:
-        views = _views_of_one_camera(engine, people)
-    else:
-        views = _views_of_depth(list(engine.rigs), people or shown_floor(engine.stereo))
     return rrb.Blueprint(
-        views,
+        layout_of(engine).views(engine, people),
         rrb.TimePanel(state="collapsed", timeline="frame"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
     )
 
 
-def _views_of_depth(names: list[str], bounds: PlanBounds) -> rrb.Vertical:
-    """Views of rigs with these names."""
+def _views_of_depth(engine: Engine, people: PlanBounds | None) -> rrb.Vertical:
+    bounds = people or shown_floor(engine.stereo)
     first = rrb.Spatial2DView(origin="image", name="image, foreground, people")
-    others = [rrb.Spatial2DView(origin=f"{name}/image", name=name) for name in names[1:]]
+    others = [rrb.Spatial2DView(origin=f"{name}/image", name=name) for name in [*engine.rigs][1:]]
     image = rrb.Tabs(first, *others, active_tab=0) if others else first
     world = _floor_view("3D", bounds, (0.0, -0.75, 0.55), "world")
     disparity = rrb.Tabs(
@@ -281,6 +276,23 @@ def _views_of_one_camera(engine: Engine, people: PlanBounds | None) -> rrb.Horiz
     right.append(_series(active_tab=2))
     image = rrb.Spatial2DView(origin="image", name="image, people")
     return rrb.Horizontal(image, rrb.Vertical(*right), column_shares=[3, 2])
+
+
+class ViewerLayout(NamedTuple):
+    """How the viewer shows a kind of recording: as which application, where people's paths are, and all views."""
+
+    application: str
+    trails: str
+    views: Callable[[Engine, PlanBounds | None], rrb.Container]
+
+
+DEPTH_LAYOUT = ViewerLayout("planview", "world/trails", _views_of_depth)
+ONE_CAMERA_LAYOUT = ViewerLayout("planview-single", "plan/trails", _views_of_one_camera)
+
+
+def layout_of(engine: Engine) -> ViewerLayout:
+    """That of rigs, or of one camera."""
+    return DEPTH_LAYOUT if engine.rigs else ONE_CAMERA_LAYOUT
 
 
 def _series(active_tab: int = 0) -> rrb.Tabs:

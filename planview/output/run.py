@@ -210,7 +210,7 @@ class RunChecks(Carried):
     def __init__(self, engine: Engine, strict: bool) -> None:
         self._engine = engine
         self._strict = strict
-        self._watch = None if engine.stereo is None else RecordingWatch(engine.stereo)
+        self._watch = RecordingWatch(engine.stereo) if engine.rigs else None
         self._sensors = SensorsWatch([SensorPaths(name, rig.camera) for name, rig in engine.rigs.items()])
         self._frames = 0
         self.refuse()

@@ -181,7 +181,7 @@ def test_arguments_of_another_type_are_refused_by_name(recording: Path, tmp_path
 @pytest.mark.parametrize("known", [True, False])
 def test_an_engine_without_stereo_says_what_it_knows_of_its_camera(known: bool) -> None:
     engine = engine_of(CrossingVideo(), EllipseParticleTracker(), camera=CAMERA if known else None)
-    assert engine.stereo is None
+    assert engine.rigs == {}
     assert (engine.camera_info() is not None, engine.floor_info() is not None) == (known, known)
 
 
