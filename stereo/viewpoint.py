@@ -3,7 +3,8 @@
 A view is the same, another one, or not known. Corners of the background are followed from image to image: people hide
 some, other light loses some, and the others stay or move as one picture does when its camera rotates or zooms. An image
 that shows too little of the view is compared with the image before, so that a scene may change bit by bit. A rotation
-that lasts is a move; one that comes and goes about one mean is shaking.
+that lasts is a move; one that comes and goes about one mean is shaking, in which the view is still usable as long as
+the rotation is small.
 """
 
 from __future__ import annotations
@@ -47,11 +48,18 @@ and light or a cover hides most of a view."""
 BOTH_DEG = 0.5
 """Rotation of the cameras together beyond which what they show is in a false place [degrees]: 4 cm at 5 m; a mast in
 the wind sways by less."""
+SWAY_DEG = 1.0
+"""Rotation of the cameras together from which an image cannot be compared with the usual one, whether it lasts or not
+[degrees]: 9 cm at 5 m, and the edges of the background show as people."""
 APART_DEG = 0.1
 """Rotation of one camera of a pair against the other [degrees]: 1 px of 640 at a usual lens, a tenth of the depth at
 5 m."""
 LOOK_S = 0.25
 """Time between two comparisons [s]."""
+CHANGED_LUMA = 8
+"""Least change of luma at a corner of a camera that may have rotated since the last comparison [levels of 255]."""
+CHANGED_SHARE = 0.3
+"""Share of the corners that change by that: half a degree changes a third of them, in any real room that we have."""
 LASTING_S = 1.0
 """Time over which rotations are averaged, and in which a view stands still that has settled [s]: masts shake faster."""
 HIDDEN_S = 3.0
@@ -112,6 +120,13 @@ class Viewpoint:
             shift, _ = cv2.phaseCorrelate(self._shown.astype(np.float32), now.astype(np.float32), window)
             turn = self._follow(now, focal_px, np.array(shift))
         return turn
+
+    def may_have_turned(self, before: U8, now: U8) -> bool:
+        """Whether so many corners have changed between two images of width ``WIDTH_PX`` that ``turn`` is worth its
+        time."""
+        columns, rows = self._corners.astype(np.intp).T
+        changed = cv2.absdiff(before, now)[rows, columns] > CHANGED_LUMA
+        return bool(np.count_nonzero(changed) > CHANGED_SHARE * len(changed))
 
     def _stays(self, now: U8) -> bool:
         """Whether every second corner shows, without a wide search, that the camera has not moved."""
@@ -174,6 +189,10 @@ class Viewpoints:
             turns.append(turn)
         return np.array(turns)
 
+    def may_have_turned(self, before: Sequence[U8], now: Sequence[U8]) -> bool:
+        """Whether one of the cameras may have rotated between two shots of images of width ``WIDTH_PX``."""
+        return any(map(Viewpoint.may_have_turned, self.cameras, before, now))
+
 
 class Sway(NamedTuple):
     """How far a sensor rotates to and fro [degrees]: its cameras together, and one against the other."""
@@ -200,7 +219,7 @@ class Sway(NamedTuple):
         if turned.apart_deg > APART_DEG + self.apart_deg:
             side = int(np.argmax(np.linalg.norm(mean, axis=1)))
             return f"the {('left', 'right')[side]} camera has {_turn_words(now[side])}"
-        if turned.together_deg > BOTH_DEG + self.together_deg:
+        if turned.together_deg > min(BOTH_DEG + self.together_deg, SWAY_DEG):
             return f"the camera{'s have' if len(now) == 2 else ' has'} {_turn_words(now[0])}"
         return ""
 
@@ -285,12 +304,12 @@ class Standing(Carried):
         moved_frames: in how many frames they did not.
         first: the first of these and its time [s]; None for none.
         how: what had moved in it, in words.
-        settled: another view than that one has stood still for LASTING_S.
+        swayed_frames: in how many others they had swayed by ``SWAY_DEG`` and were not back within ``BOTH_DEG``.
     """
 
     CARRIED = (
-        "moved_frames", "first", "how", "settled", "_is_moved", "_looked_s", "_last", "_turns", "_since_s",
-        "_is_linked", "_sway", "_accepted",
+        "moved_frames", "swayed_frames", "first", "how", "_is_moved", "_is_still", "_sways", "_looked_s", "_last",
+        "_compared", "_turns", "_since_s", "_is_linked", "_sway", "_accepted",
     )  # fmt: skip
 
     def __init__(self, viewpoints: Viewpoints) -> None:
@@ -301,12 +320,15 @@ class Standing(Carried):
     def reset(self) -> None:
         """Forget all frames."""
         self.moved_frames = 0
+        self.swayed_frames = 0
         self.first: tuple[int, float] | None = None
         self.how = ""
-        self.settled = False
         self._is_moved = False
+        self._is_still = False  # for LASTING_S
         self._looked_s = -math.inf
-        self._last: list[U8] = []
+        self._sways = False
+        self._last: list[U8] = []  # of the last look
+        self._compared: list[U8] = []  # last
         self._turns: deque[tuple[float, F64]] = deque()
         self._since_s = 0.0  # since when turns go on
         self._is_linked = True  # turns are from the usual view, by images in between; else from the first of another
@@ -324,25 +346,48 @@ class Standing(Carried):
         """How far the view has come and gone so far."""
         return Sway(*np.sqrt(self._sway[:2] / max(self._sway[2], 1.0)).tolist())
 
+    @property
+    def settled(self) -> bool:
+        """Whether another view than the usual one has stood still for LASTING_S."""
+        return self._is_moved and self._is_still
+
     def update(self, frame: int, timestamp_s: float, shot: Sequence[AnyArray]) -> bool:
         """Whether they look there in the next frame; where too little shows, as in the frame before."""
+        images = [_small(image) for image in shot]
         if timestamp_s >= self._looked_s + LOOK_S - ROUNDED_S:
             self._looked_s = timestamp_s
-            how = self._look(timestamp_s, [_small(image) for image in shot])
+            how = self._look(timestamp_s, images)
             if how is not None and bool(how) != self._is_moved:
                 self._is_moved = bool(how)
                 self._turns = deque([*self._turns][-1:] * LOOKS_MIN)
             if how and self.first is None:
                 self.first, self.how = (frame, timestamp_s), how
-        self.moved_frames += self._is_moved
-        return not self._is_moved
+        elif self._viewpoints.may_have_turned(self._compared, images):
+            self._watch_for_sway(images, self._viewpoints.turns(images))
+        if self._is_moved:
+            self.moved_frames += 1
+            return False
+        self.swayed_frames += self._sways
+        return not self._sways
+
+    def _watch_for_sway(self, images: list[U8], turns: F64 | None) -> None:
+        """Judge how far the view is from the usual one, by the turns of some images from it."""
+        self._compared = images
+        if turns is None:
+            return
+        together_deg = Sway.of(turns).together_deg
+        if together_deg >= SWAY_DEG:
+            self._sways = True
+        elif together_deg < BOTH_DEG:
+            self._sways = False
 
     def accept(self) -> None:
         """Take the view of the last look for the usual one."""
         self._accepted = self._last
         self._viewpoints = self._of(self._last)
         self._turns.clear()
-        self._is_moved = self.settled = False
+        self._is_moved = self._is_still = False
+        self._sways = False
 
     def _look(self, now_s: float, images: list[U8]) -> str | None:
         """How the view of some images is another one, empty where it is the usual one, None where that cannot be
@@ -351,6 +396,7 @@ class Standing(Carried):
         if not self._viewpoints.cameras:
             return self._first_view(before, images)
         turns = self._viewpoints.turns(images)
+        self._watch_for_sway(images, turns)
         is_linked = turns is not None
         if turns is None and self._turns:
             step = self._of(before).turns(images)
@@ -371,10 +417,10 @@ class Standing(Carried):
         self._forget_old(now_s)
         shown_s = now_s - self._turns[0][0] + ROUNDED_S
         unrest_deg = max(Sway.of(each - mean).together_deg for _, each in self._turns)
-        self.settled = shown_s >= LASTING_S and unrest_deg < UNREST_DEG
+        self._is_still = shown_s >= LASTING_S and unrest_deg < UNREST_DEG
         if is_linked:
             return self.sway.move(mean, turns)
-        if self.settled and now_s - self._since_s >= HIDDEN_S - ROUNDED_S and self._of(images).are_textured:
+        if self._is_still and now_s - self._since_s >= HIDDEN_S - ROUNDED_S and self._of(images).are_textured:
             return _another_view(len(images))
         return None
 

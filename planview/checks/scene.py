@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -30,7 +31,7 @@ from stereo.floor import DepthFrames, FloorSearch, PairFrames
 from stereo.matcher import SATURATED_LEVEL
 from stereo.recording import DepthCamera, Frame, Recording, Shot, StereoPair
 from stereo.rig_correction import fit_correction
-from stereo.viewpoint import SpreadView, Standing, Sway
+from stereo.viewpoint import SWAY_DEG, SpreadView, Standing, Sway
 
 MIN_MATCHES = 60
 """Fewest corners found in both images on which the geometry is judged."""
@@ -119,15 +120,17 @@ SHAKE_DEG = 0.1
 
 def standing_checks(standing: Standing, after: str) -> list[Check]:
     """Whether the cameras look where they looked before, from the frames so far; ``after``: what follows if not."""
-    note = "the cameras look where they looked before"
-    if standing.first is not None:
-        frame, time_s = standing.first
-        note = (
-            f"{standing.how} at frame {frame} ({time_s:.1f} s): {after}, and nobody is reported in "
-            f"{standing.moved_frames} frames"
-        )
-    moved = Check("camera moved", standing.first is None, float(standing.moved_frames), "frames", note=note)
-    return [moved, shake_check(standing.sway)]
+    shake = shake_check(standing.sway)
+    if standing.first is None:
+        moved = Check("camera moved", True, 0.0, "frames", note="the cameras look where they looked before")
+        if standing.swayed_frames:
+            note = f"by more than {SWAY_DEG:g} degree in {standing.swayed_frames} frames, in which nobody is reported"
+            shake = replace(shake, ok=False, note=f"{shake.note}; {note}")
+        return [moved, shake]
+    frame, time_s = standing.first
+    paused = standing.moved_frames + standing.swayed_frames
+    note = f"{standing.how} at frame {frame} ({time_s:.1f} s): {after}, and nobody is reported in {paused} frames"
+    return [Check("camera moved", False, float(paused), "frames", note=note), shake]
 
 
 def spread_checks(view: SpreadView) -> list[Check]:

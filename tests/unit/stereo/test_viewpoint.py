@@ -136,7 +136,7 @@ def test_standing_names_the_first_frame_of_another_view_until_the_first_is_back(
     assert standing.first is not None
     assert 20 <= standing.first[0] <= 25
     assert standing.how == "the cameras have rotated by 2.2 degrees"
-    assert standing.moved_frames == stands.count(False)
+    assert standing.moved_frames + standing.swayed_frames == stands.count(False)
 
 
 def test_standing_holds_what_it_saw_while_too_little_shows() -> None:
@@ -161,6 +161,15 @@ def test_camera_that_shakes_stands_and_says_by_how_much(swing_deg: float, axis: 
     swings = islice(cycle([0.0, 1.0, 0.3, -1.0, -0.3]), 40)
     assert all(watch(standing, [(turned(swing_deg * swing, axis),) * 2 for swing in swings], fps=4.0))
     assert standing.sway.together_deg == pytest.approx(0.51 * swing_deg, rel=0.25)
+
+
+@pytest.mark.parametrize("cameras", [1, 2])
+def test_camera_that_swings_out_of_its_view_is_paused_until_it_is_back(cameras: int) -> None:
+    standing = Standing(Viewpoints([(room(),) * cameras], FOCAL_WIDTHS))
+    swings = [0.0] * 11 + [1.5, -1.5, 0.7] + [0.2] * 19
+    stands = watch(standing, [(turned(degrees),) * cameras for degrees in swings])
+    assert stands == [True] * 11 + [False] * 3 + [True] * 19
+    assert (standing.swayed_frames, standing.first) == (3, None)
 
 
 def test_camera_that_stands_has_no_sway() -> None:

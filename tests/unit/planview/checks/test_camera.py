@@ -59,6 +59,14 @@ def test_camera_that_pans_from_the_start_stands_when_it_stops() -> None:
     assert stands[-1]
 
 
+def test_frames_in_which_a_camera_swings_out_of_its_view_are_counted_as_shaking() -> None:
+    frames = [window(SCENE, 40 + shift_px) for shift_px in [0] * 12 + [4, -4] + [0] * 10]
+    moved, shake = standing_checks(watched(frames)[0], "")
+    assert moved.ok
+    assert not shake.ok
+    assert "in 2 frames" in shake.note
+
+
 def test_cut_is_named_after_three_seconds() -> None:
     standing, stands = watched([window(SCENE if i < 4 else OTHER) for i in range(37)])
     assert stands == [True] * 36 + [False]
