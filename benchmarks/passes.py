@@ -23,7 +23,7 @@ from calib.io import whole_folder
 from planview.engine.config import Config
 from planview.engine.engine import Engine
 from planview.engine.open import open_engine
-from planview.evaluation.result import KINDS, Evaluation, pooled
+from planview.evaluation.result import KINDS, Evaluation, pool
 from planview.evaluation.significant import poisson_upper
 from planview.output.folder import finished_run
 from planview.output.resume import code_version, key_of
@@ -144,7 +144,7 @@ class SceneScore:
 def together(scores: Sequence[SceneScore]) -> Evaluation:
     """All recordings as one, as long as they are together."""
     duration_s = sum(score.duration_s for score in scores)
-    return replace(pooled([score.evaluation for score in scores]), duration_s=duration_s)
+    return replace(pool([score.evaluation for score in scores]), duration_s=duration_s)
 
 
 def scores_json(scores: Sequence[SceneScore]) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from planview.counting.rules import AnalyticsParams, RulePlane, Rules, stereo_pl
 from planview.counting.totals import count_tracks, count_truth, score_counts, score_events
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.misfit import misfit
-from planview.evaluation.result import Evaluation, pooled
+from planview.evaluation.result import Evaluation, pool
 from planview.output.folder import folder_lock, unfinished_note, write_result
 from planview.output.run_folder import RunFolder
 from planview.trajectories.boxes import refuse_outside
@@ -103,7 +103,7 @@ def evaluate(
         pairs = file_pairs(found, truth_of(found) if truth is None else Path(truth))
         results = {pair.name: _evaluate_pair(pair, params, span, fps is not None) for pair in pairs}
         first, *others = results.values()
-        return replace(pooled([first, *others]), recordings=results) if others else first
+        return replace(pool([first, *others]), recordings=results) if others else first
     rows, run = read_or_given(tracks)
     if truth is None:
         raise InputError("expected a truth for tracks that are not those of a run's folder, found None")
@@ -164,7 +164,7 @@ def _scored(
         result = evaluate_tracks(tracks, truth, params, span)
     except InputError as error:
         raise error.about(f"{names[0]} and {names[1]}") from error
-    _note("" if span else _beyond(tracks, truth), f"{names[1]}: {result.uncovered}" if result.uncovered else "")
+    _note("" if span else _beyond(tracks, truth), f"{names[1]}: {result.doubts}" if result.doubts else "")
     return result
 
 

@@ -51,7 +51,7 @@ LONGEST = 12
 LEAST_ROWS = 10
 """Frames that a person and a track must have in common."""
 LEAST_M = 0.5
-"""How far a person and a track must go: who stands gives no rotation."""
+"""Distance that a person and a track must go: a person who stands gives no rotation."""
 
 
 def align_tracks(tracks: Trajectories, truth: Trajectories, gate_m: float) -> tuple[Trajectories, FloorAlignment]:
@@ -70,21 +70,21 @@ def align_tracks(tracks: Trajectories, truth: Trajectories, gate_m: float) -> tu
     scores = [_score(candidate, thin_tracks, thin_truth, gate_m) for candidate in candidates]
     best = _score(max(scores, key=_rank), tracks, truth, gate_m)
     for _ in range(10):
-        t, k = _matches(truth, moved(tracks, best), floor_similarity(gate_m)).T
-        if not _can_fit(_places(tracks)[k], _places(truth)[t]):
+        t, k = _matches(truth, move_tracks(tracks, best), floor_similarity(gate_m)).T
+        if not _can_fit(complex_places(tracks)[k], complex_places(truth)[t]):
             break
         refined = _score(fit_rigid(_xy(tracks)[k], _xy(truth)[t]), tracks, truth, gate_m)
         if _rank(refined) <= _rank(best):
             break
         best = refined
-    return moved(tracks, best), best
+    return move_tracks(tracks, best), best
 
 
 def _rank(alignment: FloorAlignment) -> tuple[int, float]:
     return alignment.pairs, -alignment.rms_m
 
 
-def moved(tracks: Trajectories, alignment: FloorAlignment) -> Trajectories:
+def move_tracks(tracks: Trajectories, alignment: FloorAlignment) -> Trajectories:
     """Tracks with positions, velocities and directions of facing in the frame of the truth."""
     xy = alignment.apply(_xy(tracks))
     velocity = tracks.velocity_mps @ floor_rotation(alignment.rotation_rad).T
@@ -117,8 +117,8 @@ def fit_rigid(source: F64, target: F64) -> FloorAlignment:
 
 def paths_to_lay(truth: Trajectories, tracks: Trajectories) -> Iterator[tuple[I64, I64]]:
     """Rows of a long true path and of a long track in their common frames, for every pair of these."""
-    true_xy = _places(truth)
-    track_xy = _places(tracks)
+    true_xy = complex_places(truth)
+    track_xy = complex_places(tracks)
     for person, track in product(_longest(truth), _longest(tracks)):
         _, i, j = np.intersect1d(truth.frame[person], tracks.frame[track], return_indices=True)
         if len(i) >= LEAST_ROWS and _can_fit(true_xy[person[i]], track_xy[track[j]]):
@@ -132,7 +132,7 @@ def _longest(table: Trajectories) -> list[I64]:
 
 
 def _can_fit(source: C128, target: C128) -> bool:
-    """Whether places can be laid over others: enough of them, known, and not on a spot."""
+    """True if places can be laid over others: enough of them, known, and not on a spot."""
     if len(source) < 5 or not np.isfinite(source + target).all():
         return False
     return bool(min(np.abs(source - source[0]).max(), np.abs(target - target[0]).max()) >= LEAST_M)
@@ -143,8 +143,8 @@ def _pairs_to_lay(tracks: Trajectories, truth: Trajectories) -> Iterator[tuple[I
     has_boxes = [np.isfinite(table.box_px).all(axis=1).any() for table in (tracks, truth)]
     if all(has_boxes):
         t, k = _matches(truth, tracks, box_similarity).T
-        known = np.isfinite(_places(truth)[t] + _places(tracks)[k])
-        if _can_fit(_places(tracks)[k[known]], _places(truth)[t[known]]):
+        known = np.isfinite(complex_places(truth)[t] + complex_places(tracks)[k])
+        if _can_fit(complex_places(tracks)[k[known]], complex_places(truth)[t[known]]):
             yield t[known], k[known]
     yield from paths_to_lay(truth, tracks)
 
@@ -159,7 +159,7 @@ def _matches(truth: Trajectories, tracks: Trajectories, similarity: Similarity) 
 
 def _score(alignment: FloorAlignment, tracks: Trajectories, truth: Trajectories, gate_m: float) -> FloorAlignment:
     """The alignment with the number and rms of the rows it matches."""
-    laid = moved(tracks, alignment)
+    laid = move_tracks(tracks, alignment)
     pairs = _matches(truth, laid, floor_similarity(gate_m))
     offset = _xy(laid)[pairs[:, 1]] - _xy(truth)[pairs[:, 0]]
     return replace(alignment, pairs=len(pairs), rms_m=_rms(offset) if len(pairs) else math.inf)
@@ -169,7 +169,7 @@ def _xy(table: Trajectories) -> F64:
     return np.column_stack([table.x_m, table.y_m])
 
 
-def _places(table: Trajectories) -> C128:
+def complex_places(table: Trajectories) -> C128:
     """(N,) positions as complex numbers."""
     return np.asarray(_xy(table) @ AS_COMPLEX)
 

@@ -13,7 +13,7 @@ from calib.doubt import Finding, Hypothesis
 from calib.errors import InputError
 from calib.params import Params
 from calib.types import F64, I64, Bool
-from planview.evaluation.align import FloorAlignment, align_tracks, moved
+from planview.evaluation.align import FloorAlignment, align_tracks, move_tracks
 from planview.evaluation.coverage import coverage, usual_step
 from planview.evaluation.metrics import (
     ClearScores,
@@ -25,6 +25,7 @@ from planview.evaluation.metrics import (
     floor_similarity,
 )
 from planview.evaluation.misfit import GOOD, fit, misfit, shift_between
+from planview.evaluation.places import with_places
 from planview.evaluation.result import Evaluation, FacingErrors, TruthRows
 from planview.evaluation.significant import (
     EVENT_S,
@@ -100,101 +101,93 @@ def evaluate_tracks(
             the others are left out.
     """
     params = params or EvaluationParams()
-    whole = truth
-    frames = frames or tracks.tracked or _frames_with_rows(tracks, truth)
-    tracks, truth = (t.where((t.frame >= frames[0]) & (t.frame <= frames[1])) for t in (tracks, truth))
-    step = frame_step(np.unique(truth.frame))
-    if step > 1 and usual_step(truth) <= step:  # of everybody
-        result = _of_some_frames(tracks, truth, params)
+    first, last = frames or tracks.tracked or _frames_with_rows(tracks, truth)
+    scored_tracks = tracks.where((tracks.frame >= first) & (tracks.frame <= last))
+    scored_truth = truth.where((truth.frame >= first) & (truth.frame <= last))
+    step = frame_step(np.unique(scored_truth.frame))
+    if step > 1 and usual_step(scored_truth) <= step:  # of everybody
+        result = _score_some_frames(scored_tracks, scored_truth, params)
     else:
-        result = _scores(tracks, truth, params, frames)
-    return replace(result, cause=_cause(tracks, whole, params, result))
+        result = _score(scored_tracks, scored_truth, params, last - first + 1)
+    return replace(result, cause=_cause(scored_tracks, truth, params, result))
 
 
-def _frames_with_rows(*tables: Trajectories) -> tuple[int, int]:
+def _frames_with_rows(tracks: Trajectories, truth: Trajectories) -> tuple[int, int]:
     """First and last frame with rows in any table."""
-    seen = np.concatenate([table.frame for table in tables])
-    return (int(seen.min()), int(seen.max())) if len(seen) else (0, -1)
+    frames = np.concatenate([tracks.frame, truth.frame])
+    return (int(frames.min()), int(frames.max())) if len(frames) else (0, -1)
 
 
-def _scores(tracks: Trajectories, truth: Trajectories, params: EvaluationParams, frames: tuple[int, int]) -> Evaluation:
-    """Scores of rows in these frames, without what would explain them."""
+def _score(tracks: Trajectories, truth: Trajectories, params: EvaluationParams, n_frames: int) -> Evaluation:
+    """Scores of the rows of so many frames, without what would explain them."""
     frame_s = frame_period_s(tracks, 1.0 / params.fps)
     on_floor = params.match_on == "floor"
     confirmed, predicted, people, alignment = _comparable(tracks, truth, params)
     covered = coverage(people, confirmed, on_floor, frame_s)
-    claimed = confirmed.where(covered.judged)
+    judged = confirmed.where(covered.judged)
     similarity = floor_similarity(params.gate_m) if on_floor else box_similarity
-    ignored, excused = _ignored(people, claimed, params.min_visible, similarity)
-    counted = people.where(~ignored)
-    followed = claimed.where(~excused)
+    is_hidden, is_excused = _hidden_rows(people, judged, params.min_visible, similarity)
+    counted = people.where(~is_hidden)
+    followed = judged.where(~is_excused)
     sequence = build_sequence(counted, followed, similarity)
     clear = clear_scores(sequence)
-    matches = clear.matches
-    t, k = matches.T
-    persons = _person_histories(counted, followed, predicted, matches, similarity)
-    histories = _track_histories(claimed, excused, k)
-    predictions = (
-        _prediction_histories(predicted, people, followed, counted, matches, params.gate_m) if on_floor else []
-    )
-    significant = significant_errors(persons, histories, frame_s, predictions)
-    placed = on_floor or alignment is not None  # else the world frames may differ
-    facing_deg = followed.facing_deg[k] if placed else np.full(len(k), np.nan)
-    heights = np.abs(followed.height_m[k] - counted.height_m[t])
-    height_ratios = counted.height_m[t] / followed.height_m[k]
+    t, k = clear.matches.T
+    persons = _person_histories(counted, followed, predicted, clear.matches, similarity)
+    predictions = []
+    if on_floor:
+        predictions = _prediction_histories(predicted, people, followed.where(k), counted.where(t), params.gate_m)
+    significant = significant_errors(persons, _track_histories(judged, is_excused, k), frame_s, predictions)
+    share_world = on_floor or alignment is not None
+    height_error_m = np.abs(followed.height_m[k] - counted.height_m[t])
+    height_ratio = counted.height_m[t] / followed.height_m[k]
     return Evaluation(
         sequence=sequence,
         clear=clear,
-        rows=_truth_rows(counted, followed, matches, placed),
-        ignored_rows=int(ignored.sum()),
-        height_error_m=heights[np.isfinite(heights)],
-        height_ratio=_median(height_ratios),
-        facing=facing_errors(
-            facing_deg, followed.facing_confidence[k], counted.where(t), velocities(people, frame_s)[~ignored][t]
+        rows=_truth_rows(counted, followed, clear.matches, share_world),
+        ignored_rows=int(is_hidden.sum()),
+        height_error_m=height_error_m[np.isfinite(height_error_m)],
+        height_ratio=_median(height_ratio),
+        facing=_facing_errors(
+            followed.where(k if share_world else k[:0]), counted.where(t), velocities(people, frame_s)[~is_hidden][t]
         ),
         significant=significant,
         events=len(grouped_events(significant, EVENT_S / frame_s)),
         strict_identity_changes=strict_identity_changes(persons, frame_s),
-        duration_s=(frames[1] - frames[0] + 1) * frame_s,
+        duration_s=n_frames * frame_s,
         tracked_people=len(people_of(followed, frame_s)),
-        track_frames=len(np.unique(claimed.frame)),
-        covered_frames=len(np.intersect1d(claimed.frame, people.frame)),
+        track_frames=len(np.unique(judged.frame)),
+        covered_frames=len(np.intersect1d(judged.frame, people.frame)),
         alignment=alignment,
         shift=_shift(counted, followed, similarity, on_floor),
         unplaced_rows=len(truth) - len(people) + int((tracks.state == "confirmed").sum()) - len(confirmed),
-        unjudged_rows=len(confirmed) - len(claimed),
+        unjudged_rows=len(confirmed) - len(judged),
         limits=covered.limits,
         strangers=_strangers(sequence, clear, followed, frame_s) if on_floor else (),
     )
 
 
 def _cause(tracks: Trajectories, truth: Trajectories, params: EvaluationParams, result: Evaluation) -> Finding | None:
-    """What would make a bad score of confirmed rows good; ``truth`` with the rows of frames that were not scored, since
-    their numbers may be what is wrong."""
+    """The change that would make a bad score of confirmed rows good; ``truth`` with the rows of frames that were not
+    scored, since their numbers may be what is wrong."""
     on_floor = params.match_on == "floor"
     truth = truth.where(truth.visible != IGNORED)
     tracks = tracks.where(tracks.state == "confirmed")
     if result.alignment is not None:
-        tracks = moved(tracks, result.alignment)
+        tracks = move_tracks(tracks, result.alignment)
     is_hidden = truth.visible < params.min_visible
     hidden = truth.where(is_hidden)
     if 2 * len(hidden) > len(truth) and fit(hidden, tracks, on_floor) >= GOOD:
-        return Finding(
-            Hypothesis("the truth's column visible does not hold the share that is seen", "correct it", _as_it_is),
-            f"{len(hidden)} of {len(truth)} rows are too hidden to count, and yet most are near a track",
-        )
-    if explained := misfit(truth.where(~is_hidden), tracks, on_floor):
-        return explained
-    if not max(result.height_ratio, 1.0 / result.height_ratio) > HEIGHTS_APART:
-        return None
-    return Finding(
-        Hypothesis("the truth's heights are of another unit or part of the body", "convert them", _as_it_is),
-        f"they are {result.height_ratio:.3g} times those of the tracks",
-    )
+        measured = f"{len(hidden)} of {len(truth)} rows are too hidden to count, and yet most are near a track"
+        return _finding("the truth's column visible does not hold the share that is seen", "correct it", measured)
+    explanation = misfit(truth.where(~is_hidden), tracks, on_floor)
+    if explanation is None and max(result.height_ratio, 1.0 / result.height_ratio) > HEIGHTS_APART:
+        measured = f"they are {result.height_ratio:.3g} times those of the tracks"
+        return _finding("the truth's heights are of another unit or part of the body", "convert them", measured)
+    return explanation
 
 
-def _as_it_is(table: Trajectories) -> Trajectories:
-    return table
+def _finding(name: str, remedy: str, measured: str) -> Finding:
+    return Finding(Hypothesis(name, remedy, lambda table: table), measured)
 
 
 def _strangers(sequence: Sequence, clear: ClearScores, tracks: Trajectories, frame_s: float) -> tuple[int, ...]:
@@ -219,74 +212,84 @@ def _comparable(
 ) -> tuple[Trajectories, Trajectories, Trajectories, FloorAlignment | None]:
     """Confirmed and lost rows of tracks and the rows of the truth that have what is matched on, in one world frame."""
     on_floor = params.match_on == "floor"
-    usable = _usable(tracks, on_floor)
-    claimed, predicted = (tracks.where(usable & (tracks.state == state)) for state in ("confirmed", "lost"))
-    people = _checked(truth, on_floor, "truth")
-    if not len(claimed) and (tracks.state == "confirmed").any():
-        _checked(tracks.where(tracks.state == "confirmed"), on_floor, "tracks")
+    people = _rows_to_match(truth, on_floor, "truth")
+    confirmed = _rows_to_match(tracks.where(tracks.state == "confirmed"), on_floor, "tracks")
+    predicted = with_places(tracks.where(tracks.state == "lost"), on_floor)
     if not params.align:
-        return claimed, predicted, people, None
-    claimed, alignment = align_tracks(claimed, people, params.gate_m)
-    return claimed, moved(predicted, alignment), people, alignment
+        return confirmed, predicted, people, None
+    confirmed, alignment = align_tracks(confirmed, people, params.gate_m)
+    return confirmed, move_tracks(predicted, alignment), people, alignment
 
 
-def _ignored(
+def _rows_to_match(table: Trajectories, on_floor: bool, what: str) -> Trajectories:
+    """The rows with a place. Raises InputError: there are rows, and none has one."""
+    rows = with_places(table, on_floor)
+    if len(table) and not len(rows):
+        need = "floor positions" if on_floor else "image boxes"
+        remedy = "boxes=True" if on_floor and len(with_places(table, False)) else ""
+        raise InputError(f"expected {what} with {need} to match on, found none", remedy=remedy)
+    return rows
+
+
+def _hidden_rows(
     people: Trajectories, tracks: Trajectories, min_visible: float, similarity: Similarity
 ) -> tuple[Bool, Bool]:
-    """Which people are too hidden to count, and which tracks are theirs: neither false nor given to another person."""
-    ignored = people.visible < min_visible
-    theirs = np.zeros(len(tracks), dtype=np.bool_)
-    if ignored.any():
-        matches = clear_scores(build_sequence(people, tracks, similarity)).matches
-        theirs[matches[ignored[matches[:, 0]], 1]] = True
-    return ignored, theirs
+    """Masks of people who are too hidden to count, and of their tracks, which are neither false nor another's."""
+    is_hidden = people.visible < min_visible
+    is_theirs = np.zeros(len(tracks), dtype=np.bool_)
+    if is_hidden.any():
+        t, k = clear_scores(build_sequence(people, tracks, similarity)).matches.T
+        is_theirs[k[is_hidden[t]]] = True
+    return is_hidden, is_theirs
 
 
-def _truth_rows(truth: Trajectories, tracks: Trajectories, matches: I64, placed: bool) -> TruthRows:
-    """Distance, visibility, company and match of every row of the truth; ``placed`` where positions may be compared."""
+def _truth_rows(truth: Trajectories, tracks: Trajectories, matches: I64, share_world: bool) -> TruthRows:
+    """Distance, visibility, company and match of every row of the truth, and its error in a world of both."""
     t, k = matches.T
     matched = np.zeros(len(truth), dtype=np.bool_)
-    away = np.full(len(truth), np.nan)
     matched[t] = True
-    if placed:
-        away[t] = np.hypot(tracks.x_m[k] - truth.x_m[t], tracks.y_m[k] - truth.y_m[t])
-    _, where, together = np.unique(truth.frame, return_inverse=True, return_counts=True)
-    return TruthRows(np.hypot(truth.x_m, truth.y_m), truth.visible, together[where], matched, away)
+    error_m = np.full(len(truth), np.nan)
+    if share_world:
+        error_m[t] = np.hypot(tracks.x_m[k] - truth.x_m[t], tracks.y_m[k] - truth.y_m[t])
+    _, frame_number, people = np.unique(truth.frame, return_inverse=True, return_counts=True)
+    return TruthRows(np.hypot(truth.x_m, truth.y_m), truth.visible, people[frame_number], matched, error_m)
 
 
 def _person_histories(
     truth: Trajectories, tracks: Trajectories, predicted: Trajectories, matches: I64, similarity: Similarity
 ) -> list[PersonHistory]:
-    """Which track held each person in each frame, or whether a lost track was predicted there."""
+    """The track that held each person in each frame, or that a lost track was predicted there."""
+    holder = np.full(len(truth), UNMATCHED)
     rows = np.flatnonzero(np.isin(truth.frame, predicted.frame))
     near = clear_scores(build_sequence(truth.where(rows), predicted, similarity)).matches[:, 0]
-    holder = np.full(len(truth), UNMATCHED)
     holder[rows[near]] = PREDICTED
     holder[matches[:, 0]] = tracks.track_id[matches[:, 1]]
-    return [PersonHistory(i, truth.frame[own], holder[own]) for i, own in rows_by_id(truth.track_id)]
+    return [PersonHistory(person, truth.frame[rows], holder[rows]) for person, rows in rows_by_id(truth.track_id)]
 
 
-def _track_histories(tracks: Trajectories, excused: Bool, matched: I64) -> list[TrackHistory]:
-    """Where each track is on nobody: neither excused nor of the other rows those that are matched."""
-    stray = ~excused
+def _track_histories(tracks: Trajectories, is_excused: Bool, matched: I64) -> list[TrackHistory]:
+    """The rows of each track that are on nobody: neither excused nor, of the other rows, those that are matched."""
+    stray = ~is_excused
     stray[np.flatnonzero(stray)[matched]] = False
-    return [TrackHistory(i, tracks.frame[rows], stray[rows]) for i, rows in rows_by_id(tracks.track_id)]
+    return [TrackHistory(track, tracks.frame[rows], stray[rows]) for track, rows in rows_by_id(tracks.track_id)]
 
 
-def _of_some_frames(tracks: Trajectories, truth: Trajectories, params: EvaluationParams) -> Evaluation:
+def _score_some_frames(tracks: Trajectories, truth: Trajectories, params: EvaluationParams) -> Evaluation:
     """Scores in the frames that have truth rows, as if they followed one another."""
     annotated = np.unique(truth.frame)
-    period_s = frame_period_s(tracks, 1.0 / params.fps) * frame_step(annotated)
-    own = tracks.where(np.isin(tracks.frame, annotated))
-    scored, known = (replace(t, frame=np.searchsorted(annotated, t.frame)) for t in (own, truth))
-    result = _scores(scored, known, params.model_copy(update={"fps": 1.0 / period_s}), (0, len(annotated) - 1))
-    claimed = tracks.where(tracks.state == "confirmed").frame
-    left_out = claimed[~np.isin(claimed, annotated)]
+    step = frame_step(annotated)
+    is_annotated = np.isin(tracks.frame, annotated)
+    kept = tracks.where(is_annotated)
+    kept = replace(kept, frame=np.searchsorted(annotated, kept.frame))
+    people = replace(truth, frame=np.searchsorted(annotated, truth.frame))
+    fps = 1.0 / (frame_period_s(tracks, 1.0 / params.fps) * step)
+    result = _score(kept, people, params.model_copy(update={"fps": fps}), len(annotated))
+    unjudged = int(np.count_nonzero((tracks.state == "confirmed") & ~is_annotated))
     return replace(
         result,
         significant=[replace(error, frame=int(annotated[error.frame])) for error in result.significant],
-        unjudged_rows=result.unjudged_rows + len(left_out),
-        limits=(f"it has rows in about every {ordinal(frame_step(annotated))} frame only", *result.limits),
+        unjudged_rows=result.unjudged_rows + unjudged,
+        limits=(f"it has rows in about every {ordinal(step)} frame only", *result.limits),
         shift=0,
     )
 
@@ -294,84 +297,70 @@ def _of_some_frames(tracks: Trajectories, truth: Trajectories, params: Evaluatio
 def _shift(truth: Trajectories, tracks: Trajectories, similarity: Similarity, on_floor: bool) -> int:
     """The shift of the tracks [frames] that most pairs of near rows vote for; 0 unless with it most rows are near a
     track, and their median error is below SHIFTED of that without it."""
-
-    def error(shift: int) -> float:
-        pairs = build_sequence(truth, replace(tracks, frame=tracks.frame + shift), similarity)
-        nearest = np.zeros(pairs.truth_rows)
-        np.maximum.at(nearest, pairs.pair_truth, pairs.similarity)
-        return 1.0 - float(np.median(nearest[nearest > 0])) if nearest.any() else 1.0
-
     shift = shift_between(truth, tracks, on_floor)
-    if not shift or fit(truth, replace(tracks, frame=tracks.frame + shift), on_floor) < GOOD:
+    if not shift:
         return 0
-    return shift if error(shift) < SHIFTED * error(0) else 0
+    shifted = replace(tracks, frame=tracks.frame + shift)
+    if fit(truth, shifted, on_floor) < GOOD:
+        return 0
+    error = _median_error(truth, tracks, similarity)
+    return shift if _median_error(truth, shifted, similarity) < SHIFTED * error else 0
+
+
+def _median_error(truth: Trajectories, tracks: Trajectories, similarity: Similarity) -> float:
+    """Median of what people lack in similarity to the nearest track; 1 where nobody is near one."""
+    pairs = build_sequence(truth, tracks, similarity)
+    nearest = np.zeros(pairs.truth_rows)
+    np.maximum.at(nearest, pairs.pair_truth, pairs.similarity)
+    return 1.0 - float(np.median(nearest[nearest > 0])) if nearest.any() else 1.0
 
 
 def _prediction_histories(
-    predicted: Trajectories,
-    people: Trajectories,
-    tracks: Trajectories,
-    truth: Trajectories,
-    matches: I64,
-    gate_m: float,
+    predicted: Trajectories, people: Trajectories, tracks: Trajectories, truth: Trajectories, gate_m: float
 ) -> list[PredictionHistory]:
-    """Of all tracks that matched one of the (all) people before they were lost; ``matches``: of ``tracks`` and
-    ``truth``."""
-    ids = np.unique(people.track_id)
-    place = people.frame * len(ids) + np.searchsorted(ids, people.track_id)
-    order = np.argsort(place)
-    t, k = matches.T
-    matched = dict(rows_by_id(tracks.track_id[k]))
+    """Histories of all tracks that matched one of the people before they were lost; ``tracks`` and ``truth``: rows of
+    the matches, side by side."""
+    place_of = {key: row for row, key in enumerate(zip(people.frame.tolist(), people.track_id.tolist(), strict=True))}
+    matched = dict(rows_by_id(tracks.track_id))
     histories = []
     for track, rows in rows_by_id(predicted.track_id):
         if track not in matched:
             continue
-        then = np.searchsorted(tracks.frame[k[matched[track]]], predicted.frame[rows]) - 1
-        rows = rows[then >= 0]
-        then = then[then >= 0]
-        person = truth.track_id[t[matched[track]]][then]
-        keys = predicted.frame[rows] * len(ids) + np.searchsorted(ids, person)
-        at = order[np.searchsorted(place, keys, sorter=order).clip(max=len(order) - 1)]
-        away = np.hypot(predicted.x_m[rows] - people.x_m[at], predicted.y_m[rows] - people.y_m[at])
-        histories.append(PredictionHistory(track, predicted.frame[rows], person, (place[at] == keys) & (away > gate_m)))
+        last_match = np.searchsorted(tracks.frame[matched[track]], predicted.frame[rows]) - 1
+        rows = rows[last_match >= 0]
+        person = truth.track_id[matched[track]][last_match[last_match >= 0]]
+        keys = zip(predicted.frame[rows].tolist(), person.tolist(), strict=True)
+        at = np.array([place_of.get(key, -1) for key in keys], dtype=np.int64)
+        away_m = np.hypot(predicted.x_m[rows] - people.x_m[at], predicted.y_m[rows] - people.y_m[at])
+        histories.append(PredictionHistory(track, predicted.frame[rows], person, (at >= 0) & (away_m > gate_m)))
     return histories
 
 
-def facing_errors(facing_deg: F64, confidence: F64, truth: Trajectories, velocity_mps: F64) -> FacingErrors:
-    """The errors of matches; (N,) facing of tracks and its confidence, the truth rows that they match, and (N, 2)
-    velocities of these."""
-    known = np.isfinite(facing_deg)
-    facing, (vx, vy) = facing_deg[known], velocity_mps[known].T
-    to_truth, to_walk = (
-        np.abs((facing - other + 180.0) % 360.0 - 180.0)
-        for other in (truth.facing_deg[known], np.degrees(np.arctan2(vy, vx)))
-    )
-    return FacingErrors(to_truth, to_walk, np.hypot(vx, vy), ~(confidence[known] < SURE_FACING))
+def _facing_errors(tracks: Trajectories, truth: Trajectories, velocity_mps: F64) -> FacingErrors:
+    """The errors of matched rows of tracks and truth, side by side, and (N, 2) velocities of the latter."""
+    is_known = np.isfinite(tracks.facing_deg)
+    facing_deg = tracks.facing_deg[is_known]
+    vx, vy = velocity_mps[is_known].T
+    is_sure = ~(tracks.facing_confidence[is_known] < SURE_FACING)
+    to_truth = _angle_between(facing_deg, truth.facing_deg[is_known])
+    to_walk = _angle_between(facing_deg, np.degrees(np.arctan2(vy, vx)))
+    return FacingErrors(to_truth, to_walk, np.hypot(vx, vy), is_sure)
+
+
+def _angle_between(a_deg: F64, b_deg: F64) -> F64:
+    """(N,) differences of directions, 0 to 180 [deg]."""
+    return np.abs((a_deg - b_deg + 180.0) % 360.0 - 180.0)
 
 
 def velocities(table: Trajectories, frame_s: float) -> F64:
     """(N, 2) velocities of the rows of a table [m/s], from places STEP_S before and after; NaN for a single row."""
     velocity = np.full((len(table), 2), np.nan)
     for _, rows in rows_by_id(track_numbers(table, table.frame.astype(np.float64) * frame_s)):
-        times = table.frame[rows] * frame_s
-        before = np.maximum(times - STEP_S, times[0])
-        after = np.minimum(times + STEP_S, times[-1])
-        span = np.where(after > before, after - before, np.nan)
+        times_s = table.frame[rows] * frame_s
+        before_s = np.maximum(times_s - STEP_S, times_s[0])
+        after_s = np.minimum(times_s + STEP_S, times_s[-1])
+        span_s = np.where(after_s > before_s, after_s - before_s, np.nan)
         for axis, place in enumerate((table.x_m[rows], table.y_m[rows])):
-            velocity[rows, axis] = (np.interp(after, times, place) - np.interp(before, times, place)) / span
+            moved_m = np.interp(after_s, times_s, place) - np.interp(before_s, times_s, place)
+            velocity[rows, axis] = moved_m / span_s
     return velocity
-
-
-def _usable(table: Trajectories, on_floor: bool) -> Bool:
-    """(N,) whether rows have what is matched on."""
-    needed = np.column_stack([table.x_m, table.y_m]) if on_floor else table.box_px
-    return np.asarray(np.isfinite(needed).all(axis=1))
-
-
-def _checked(table: Trajectories, on_floor: bool, what: str) -> Trajectories:
-    good = _usable(table, on_floor)
-    if len(table) and not good.any():
-        need = "floor positions" if on_floor else "image boxes"
-        remedy = "boxes=True" if on_floor and _usable(table, False).any() else ""
-        raise InputError(f"expected {what} with {need} to match on, found none", remedy=remedy)
-    return table.where(good)

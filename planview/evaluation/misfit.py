@@ -1,4 +1,4 @@
-"""Why truth and tracks do not fit together: hypotheses about either table, each undone and scored.
+"""Reasons why truth and tracks do not fit together: hypotheses about either table, each undone and scored.
 
 Axes, units, numbers of frames and forms of boxes are tried. A shift in time and an offset in the plane are not tried
 but voted for, by pairs of rows that are near each other or move alike and by pairs of rows of one frame (as a Hough
@@ -18,7 +18,7 @@ import numpy as np
 
 from calib.doubt import Finding, Hypothesis, Score, best
 from calib.types import F64
-from planview.evaluation.align import AS_COMPLEX, fit_turn, paths_to_lay
+from planview.evaluation.align import complex_places, fit_turn, paths_to_lay
 from planview.evaluation.places import (
     CLOSE_M,
     Places,
@@ -26,8 +26,8 @@ from planview.evaluation.places import (
     near_unit,
     places_of,
     share_near,
-    voted_offset,
-    voted_shift,
+    vote_offset,
+    vote_shift,
     with_places,
 )
 from planview.trajectories.table import Trajectories, ordinal
@@ -53,8 +53,6 @@ TURNED_DEG = 1.0
 """A turn that is none."""
 SCALED = 0.03
 """A change of scale that is none."""
-FEET_M = 0.3048
-INCHES_M = 0.0254
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,16 +72,15 @@ class Reference:
 
     @cached_property
     def voters(self) -> Places:
-        return self.places.thinned(VOTED_ON)
+        return self.places.spread(VOTED_ON)
 
     @cached_property
-    def moving(self) -> Places:
-        """Movements of the tracks."""
-        return movements(self.table, self.places).thinned(VOTED_ON)
+    def movements(self) -> Places:
+        return movements(self.table, self.places).spread(VOTED_ON)
 
     @cached_property
     def size(self) -> float:
-        return _extent(self.places)
+        return self.places.size
 
     def places_of(self, table: Trajectories) -> Places:
         return places_of(table, self.on_floor, self.unit)
@@ -96,9 +93,14 @@ class Tables:
     truth: Trajectories
     tracks: Reference
 
+    @staticmethod
+    def of(truth: Trajectories, tracks: Trajectories, on_floor: bool) -> Tables:
+        """The rows with what is compared."""
+        return Tables(with_places(truth, on_floor), Reference(with_places(tracks, on_floor), on_floor))
+
     @cached_property
     def places(self) -> Places:
-        """Of the truth."""
+        """Places of the truth."""
         return self.tracks.places_of(self.truth)
 
     @property
@@ -110,13 +112,13 @@ class Tables:
 def misfit(truth: Trajectories, tracks: Trajectories, on_floor: bool) -> Finding | None:
     """The hypothesis under which truth and tracks fit; None where they fit as they are, or where none explains it. Rows
     without what is compared are left out."""
-    truth = with_places(truth, on_floor)
-    tracks = with_places(tracks, on_floor)
-    if min(len(truth), len(tracks)) < FEWEST_ROWS:
+    whole = Tables.of(truth, tracks, on_floor)
+    truth = whole.truth
+    if min(len(truth), len(whole.tracks.table)) < FEWEST_ROWS:
         return None
-    # Of every id alike: rows are sorted by frame, so that every n-th of them are all people's.
-    thin = truth.where(np.arange(len(truth)) % max(1, len(truth) // VOTERS) == 0)
-    tables = Tables(thin, Reference(tracks, on_floor))
+    # Rows are sorted by frame, so that every n-th of them are all people's alike.
+    thin = np.arange(len(truth)) % max(1, len(truth) // VOTERS) == 0
+    tables = replace(whole, truth=truth.where(thin))
     now = tables.share
     if now >= GOOD:
         return None
@@ -131,46 +133,38 @@ def misfit(truth: Trajectories, tracks: Trajectories, on_floor: bool) -> Finding
 
 def fit(truth: Trajectories, tracks: Trajectories, on_floor: bool) -> float:
     """The share of the truth's rows that are near a track, 0 to 1; 0 where nothing can be compared."""
-    truth = with_places(truth, on_floor)
-    tracks = with_places(tracks, on_floor)
-    if not (len(truth) and len(tracks)):
-        return 0.0
-    return Tables(truth, Reference(tracks, on_floor)).share
+    return Tables.of(truth, tracks, on_floor).share
 
 
 def shift_between(truth: Trajectories, tracks: Trajectories, on_floor: bool) -> int:
     """Frames by which the tracks have to be moved to lie near the truth, by the votes of pairs of rows at one place; 0
     where there are none."""
-    truth = with_places(truth, on_floor)
-    tracks = with_places(tracks, on_floor)
-    if not (len(truth) and len(tracks)):
-        return 0
-    tables = Tables(truth, Reference(tracks, on_floor))
-    return -voted_shift(tables.places.thinned(VOTERS), tables.tracks.voters)
+    tables = Tables.of(truth, tracks, on_floor)
+    return -vote_shift(tables.places.spread(VOTERS), tables.tracks.voters)
 
 
 Undo = Callable[[Trajectories], Trajectories]
 
 
-def _about_truth(clause: str, remedy: str, undo: Undo) -> Hypothesis[Tables]:
-    def undone(tables: Tables) -> Tables:
+def _about_truth(clause: str, remedy: str, undo: Undo, odds: float = PER_CHANGE) -> Hypothesis[Tables]:
+    def undo_truth(tables: Tables) -> Tables:
         return replace(tables, truth=undo(tables.truth))
 
-    return Hypothesis(f"the truth{clause}", remedy, undone, PER_CHANGE)
+    return Hypothesis(f"the truth{clause}", remedy, undo_truth, odds)
 
 
 def _about_tracks(clause: str, remedy: str, undo: Undo) -> Hypothesis[Tables]:
-    def undone(tables: Tables) -> Tables:
+    def undo_tracks(tables: Tables) -> Tables:
         return replace(tables, tracks=replace(tables.tracks, table=undo(tables.tracks.table)))
 
-    return Hypothesis(f"the tracks{clause}", remedy, undone, PER_CHANGE)
+    return Hypothesis(f"the tracks{clause}", remedy, undo_tracks, PER_CHANGE)
 
 
-def _laid(turn: complex, is_mirrored: bool = False, shift: complex = 0.0) -> Undo:
+def _lay(turn: complex, is_mirrored: bool = False, shift: complex = 0.0) -> Undo:
     """Lays places, as complex numbers: mirrors y, then turns and scales, then shifts."""
 
     def undo(table: Trajectories) -> Trajectories:
-        places = np.column_stack([table.x_m, table.y_m]) @ AS_COMPLEX
+        places = complex_places(table)
         if is_mirrored:
             places = places.conj()
         places = turn * places + shift
@@ -179,17 +173,11 @@ def _laid(turn: complex, is_mirrored: bool = False, shift: complex = 0.0) -> Und
     return undo
 
 
-def _turned(degrees: int) -> Hypothesis[Tables]:
-    """A truth that is turned counterclockwise, and is turned back."""
-    back = cmath.exp(-1j * math.radians(degrees))
-    return _about_truth(f" is turned by {degrees} degrees", "turn it back", _laid(back))
-
-
-def _of_boxes(of: Callable[[F64, F64], tuple[F64, F64]]) -> Undo:
+def _change_boxes(change: Callable[[F64, F64], tuple[F64, F64]]) -> Undo:
     """Makes left, top and size of the first and the last two numbers of a box [px], (N, 2) each."""
 
     def undo(table: Trajectories) -> Trajectories:
-        first, size = of(table.box_px[:, :2], table.box_px[:, 2:])
+        first, size = change(table.box_px[:, :2], table.box_px[:, 2:])
         return replace(table, box_px=np.column_stack([first, size]))
 
     return undo
@@ -203,64 +191,60 @@ def _around_heads(first: F64, size: F64) -> tuple[F64, F64]:
     return np.column_stack([left, first[:, 1]]), np.column_stack([width, height])
 
 
-def _numbers_times(n: int) -> Undo:
-    return lambda table: replace(table, frame=n * table.frame)
+def _multiply_frames(n: int) -> Hypothesis[Tables]:
+    return _about_truth(
+        f" has a number for every {ordinal(n)} frame of the tracks only",
+        f"multiply its frames by {n}",
+        lambda table: replace(table, frame=n * table.frame),
+    )
 
 
-def _numbers_over(n: int) -> Undo:
+def _divide_frames(n: int) -> Hypothesis[Tables]:
     def undo(table: Trajectories) -> Trajectories:
         table = table.where(table.frame % n == 0)
         return replace(table, frame=table.frame // n)
 
-    return undo
+    return _about_truth(f" has {n} numbers for each frame of the tracks", f"divide its frames by {n}", undo)
 
 
-AXES = (
-    _about_truth("'s x axis is mirrored", "mirror it back", _laid(-1.0, is_mirrored=True)),
-    _about_truth("'s y axis is mirrored", "mirror it back", _laid(1.0, is_mirrored=True)),
-    _about_truth("'s axes x and y are exchanged", "exchange them", _laid(1.0j, is_mirrored=True)),
-    _about_truth("'s axes are exchanged and mirrored", "exchange and mirror them", _laid(-1.0j, is_mirrored=True)),
-    *(_turned(degrees) for degrees in (180, 90, -90)),
-)
-UNITS = (
-    _about_truth("'s unit is feet", "give metres", _laid(FEET_M)),
-    _about_truth("'s unit is inches", "give metres", _laid(INCHES_M)),
-    _about_truth("'s unit is centimetres", "give metres", _laid(0.01)),
-    _about_truth("'s unit is millimetres", "give metres", _laid(0.001)),
-    _about_tracks("' unit is centimetres", "give metres", _laid(0.01)),
-)
-FORMS: dict[str, Undo] = {
-    "given by their middle": _of_boxes(lambda middle, size: (middle - size / 2, size)),
-    "given by the middle of their lower edge": _of_boxes(lambda foot, size: (foot - size * [0.5, 1.0], size)),
-    "given by two corners": _of_boxes(lambda first, last: (first, last - first)),
-    "of heads only": _of_boxes(_around_heads),
-}
-BOXES = (
-    *(_about_truth(f"'s boxes are {form}", "give left, top and size of people", u) for form, u in FORMS.items()),
-    *(_about_tracks(f"' boxes are {form}", "give left, top and size of people", u) for form, u in FORMS.items()),
-)
 NUMBERS = (
-    *(
-        _about_truth(
-            f" has a number for every {ordinal(n)} frame of the tracks only",
-            f"multiply its frames by {n}",
-            _numbers_times(n),
-        )
-        for n in (2, 3, 4, 5, 6, 10)
-    ),
-    *(
-        _about_truth(f" has {n} numbers for each frame of the tracks", f"divide its frames by {n}", _numbers_over(n))
-        for n in (2, 3)
-    ),
+    *(_multiply_frames(n) for n in (2, 3, 4, 5, 6, 10)),
+    *(_divide_frames(n) for n in (2, 3)),
     _about_truth(
         "'s columns of frames and ids are exchanged",
         "exchange them",
         lambda table: replace(table, frame=table.track_id, track_id=table.frame),
     ),
 )
+AXES = (
+    _about_truth("'s x axis is mirrored", "mirror it back", _lay(-1.0, is_mirrored=True)),
+    _about_truth("'s y axis is mirrored", "mirror it back", _lay(1.0, is_mirrored=True)),
+    _about_truth("'s axes x and y are exchanged", "exchange them", _lay(1.0j, is_mirrored=True)),
+    _about_truth("'s axes are exchanged and mirrored", "exchange and mirror them", _lay(-1.0j, is_mirrored=True)),
+    _about_truth(" is turned by 180 degrees", "turn it back", _lay(-1.0)),
+    _about_truth(" is turned by 90 degrees", "turn it back", _lay(-1.0j)),
+    _about_truth(" is turned by -90 degrees", "turn it back", _lay(1.0j)),
+)
+UNITS = (
+    _about_truth("'s unit is feet", "give metres", _lay(0.3048)),
+    _about_truth("'s unit is inches", "give metres", _lay(0.0254)),
+    _about_truth("'s unit is centimetres", "give metres", _lay(0.01)),
+    _about_truth("'s unit is millimetres", "give metres", _lay(0.001)),
+    _about_tracks("' unit is centimetres", "give metres", _lay(0.01)),
+)
+FORMS: dict[str, Undo] = {
+    "given by their middle": _change_boxes(lambda middle, size: (middle - size / 2, size)),
+    "given by the middle of their lower edge": _change_boxes(lambda foot, size: (foot - size * [0.5, 1.0], size)),
+    "given by two corners": _change_boxes(lambda first, last: (first, last - first)),
+    "of heads only": _change_boxes(_around_heads),
+}
+BOXES = (
+    *(_about_truth(f"'s boxes are {form}", "give left, top and size of people", u) for form, u in FORMS.items()),
+    *(_about_tracks(f"' boxes are {form}", "give left, top and size of people", u) for form, u in FORMS.items()),
+)
 
 
-def _together(families: Sequence[Sequence[Hypothesis[Tables]]]) -> list[Hypothesis[Tables]]:
+def _combine(*families: Sequence[Hypothesis[Tables]]) -> list[Hypothesis[Tables]]:
     """Every combination of one to CHANGES_MAX changes, of as many families; fewer ones first."""
     combinations = []
     for chosen in product(*((None, *family) for family in families)):
@@ -271,16 +255,17 @@ def _together(families: Sequence[Sequence[Hypothesis[Tables]]]) -> list[Hypothes
     return [reduce(Hypothesis.and_then, changes) for changes in combinations]
 
 
-ON_FLOOR = _together((NUMBERS, AXES, UNITS))
-IN_IMAGE = _together((NUMBERS, BOXES))
+ON_FLOOR = _combine(NUMBERS, AXES, UNITS)
+IN_IMAGE = _combine(NUMBERS, BOXES)
 
 
 def hypotheses(tables: Tables, truth: Trajectories) -> Iterator[Hypothesis[Tables]]:
-    """What may be wrong with tables, and with the whole truth that they have rows of; fewer changes first."""
+    """Possible faults of tables, and of the whole truth that they have rows of; fewer changes first."""
     yield from _moves(tables)
     for change in ON_FLOOR if tables.tracks.on_floor else IN_IMAGE:
         changed = change.undo(tables)
-        if _are_of_one_unit(changed):
+        is_of_one_unit = changed.tracks.size / 10 < changed.places.size < 10 * changed.tracks.size
+        if is_of_one_unit:
             yield change
             for move in _moves(changed):
                 yield change.and_then(move)
@@ -288,28 +273,16 @@ def hypotheses(tables: Tables, truth: Trajectories) -> Iterator[Hypothesis[Table
         yield from _fits(truth, tables.tracks.table)
 
 
-def _extent(places: Places) -> float:
-    return float(np.ptp(places.at, axis=0).max()) if len(places) else 0.0
-
-
-def _are_of_one_unit(tables: Tables) -> bool:
-    size = tables.tracks.size
-    return size / 10 < _extent(tables.places) < 10 * size
-
-
 def _moves(tables: Tables) -> Iterator[Hypothesis[Tables]]:
     """A shift in time, an offset, and both, as pairs of rows vote for them."""
     rows = tables.places
     tracks = tables.tracks
-    still = np.zeros(rows.at.shape[1])
-    frames = voted_shift(rows, tracks.voters)
-    offset = voted_offset(rows, tracks.voters)
-    yield _later(frames)
-    yield _away(offset, tracks)
+    yield _later(vote_shift(rows, tracks.voters))
+    yield _away(vote_offset(rows, tracks.voters), tracks)
     # Where people are does not show the shift, but how they move does.
-    frames = voted_shift(movements(tables.truth, rows), tracks.moving)
-    offset = voted_offset(rows.moved(frames, still), tracks.voters)
-    frames = voted_shift(rows.moved(0, offset), tracks.voters)
+    frames = vote_shift(movements(tables.truth, rows), tracks.movements)
+    offset = vote_offset(rows.moved(frames, 0.0), tracks.voters)
+    frames = vote_shift(rows.moved(0, offset), tracks.voters)
     yield _later(frames).and_then(_away(offset, tracks))
 
 
@@ -329,19 +302,18 @@ def _away(offset: F64, tracks: Reference) -> Hypothesis[Tables]:
     if tracks.on_floor:
         x_m, y_m = (0.0 - CLOSE_M * offset).tolist()
         beside = f" is {x_m:+.2f}, {y_m:+.2f} m from the tracks"
-        moved = _about_truth(beside, "align them", _laid(1.0, shift=-complex(x_m, y_m)))
-        return replace(moved, odds=PER_CHANGE**2)
+        return _about_truth(beside, "align them", _lay(1.0, shift=-complex(x_m, y_m)), PER_CHANGE**2)
     offset_px = tracks.unit * offset.reshape(2, 2).mean(axis=0)
     x_px, y_px = (0.0 - offset_px).tolist()
     beside = f"'s boxes are {x_px:+.0f}, {y_px:+.0f} px from those of the tracks"
-    moved = _about_truth(beside, "move them", _of_boxes(lambda first, size: (first + offset_px, size)))
-    return replace(moved, odds=PER_CHANGE**2)
+    undo = _change_boxes(lambda first, size: (first + offset_px, size))
+    return _about_truth(beside, "move them", undo, PER_CHANGE**2)
 
 
 def _fits(truth: Trajectories, tracks: Trajectories) -> Iterator[Hypothesis[Tables]]:
     """The truth turned, scaled and mirrored so that one of its people lies on a track."""
-    true_places = np.column_stack([truth.x_m, truth.y_m]) @ AS_COMPLEX
-    track_places = np.column_stack([tracks.x_m, tracks.y_m]) @ AS_COMPLEX
+    true_places = complex_places(truth)
+    track_places = complex_places(tracks)
     for (true_rows, track_rows), is_mirrored in product(paths_to_lay(truth, tracks), (False, True)):
         source = true_places[true_rows]
         if is_mirrored:
@@ -361,6 +333,5 @@ def _fits(truth: Trajectories, tracks: Trajectories) -> Iterator[Hypothesis[Tabl
         if clauses:  # no more than an offset, which was voted for
             is_rigid = clauses == [f"is turned by {degrees:.0f} degrees"]
             remedy = "align them" if is_rigid else "convert it"
-            laid = _about_truth(f" {' and '.join(clauses)}", remedy, _laid(turn, is_mirrored, shift))
             # A turn, a scale and an offset across and along are four changes.
-            yield replace(laid, odds=PER_CHANGE**4)
+            yield _about_truth(f" {' and '.join(clauses)}", remedy, _lay(turn, is_mirrored, shift), PER_CHANGE**4)

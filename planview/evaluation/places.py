@@ -21,6 +21,8 @@ FRAME_APART = 10.0
 """Rows of different frames are so far from each other."""
 MOVED_FRAMES = 20
 """Frames over which rows that move alike do so."""
+VOTES_MIN = 20
+"""Fewest pairs of rows that vote for an offset."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +36,11 @@ class Places:
         return len(self.frame)
 
     @property
+    def size(self) -> float:
+        """The longest side of a box around all places."""
+        return float(np.ptp(self.at, axis=0).max()) if len(self) else 0.0
+
+    @property
     def in_space(self) -> F64:
         """(N, D + 1) points at which rows of different frames are far from each other."""
         return np.column_stack([self.at, FRAME_APART * self.frame])
@@ -42,20 +49,20 @@ class Places:
     def tree(self) -> cKDTree:
         return cKDTree(self.in_space)
 
-    def thinned(self, most: int) -> Places:
-        """Rows spread over the whole."""
+    def spread(self, most: int) -> Places:
+        """So many rows at most, spread over the whole."""
         if len(self) <= most:
             return self
-        spread = np.linspace(0, len(self) - 1, most).astype(int)
-        return Places(self.frame[spread], self.at[spread])
+        rows = np.linspace(0, len(self) - 1, most).astype(int)
+        return Places(self.frame[rows], self.at[rows])
 
-    def moved(self, frames: float, offset: F64) -> Places:
+    def moved(self, frames: float, offset: F64 | float) -> Places:
         return Places(self.frame + frames, self.at + offset)
 
 
 def near_unit(tracks: Trajectories, on_floor: bool) -> float:
-    """What counts as near: metres on the floor, pixels of all edges of a box together."""
-    if on_floor:
+    """The distance that counts as near: metres on the floor, pixels of all edges of a box together."""
+    if on_floor or not len(tracks):
         return CLOSE_M
     height_px = float(np.median(tracks.box_px[:, 3]))
     return math.sqrt(2.0) * CLOSE_BOX * height_px
@@ -96,18 +103,18 @@ def share_near(rows: Places, others: Places) -> float:
 
 
 def movements(table: Trajectories, places: Places) -> Places:
-    """Where people are MOVED_FRAMES later as seen from where they are; only of those who are seen so long."""
-    moved = np.full(places.at.shape, np.nan)
+    """Offsets to where people are MOVED_FRAMES later; only of those who are seen so long."""
+    offsets = np.full(places.at.shape, np.nan)
     for _, rows in rows_by_id(table.track_id):
         frame = places.frame[rows]
         for axis, place in enumerate(places.at[rows].T):
             later = np.interp(frame + MOVED_FRAMES, frame, place, right=np.nan)
-            moved[rows, axis] = later - place
-    seen = np.isfinite(moved).all(axis=1)
-    return Places(places.frame[seen], moved[seen])
+            offsets[rows, axis] = later - place
+    is_seen = np.isfinite(offsets).all(axis=1)
+    return Places(places.frame[is_seen], offsets[is_seen])
 
 
-def voted_shift(rows: Places, others: Places) -> int:
+def vote_shift(rows: Places, others: Places) -> int:
     """Frames by which the others are later, by the votes of pairs of rows at about one place; 0 without any."""
     pairs = cKDTree(rows.at).sparse_distance_matrix(cKDTree(others.at), 0.5, output_type="coo_matrix")
     later = np.round(others.frame[pairs.col] - rows.frame[pairs.row]).astype(np.int64)
@@ -119,15 +126,15 @@ def voted_shift(rows: Places, others: Places) -> int:
     return int(smooth.argmax() + later.min())
 
 
-def voted_offset(rows: Places, others: Places) -> F64:
+def vote_offset(rows: Places, others: Places) -> F64:
     """(D,) from the rows to the others, by the votes of pairs of rows of one frame [units of what is near]."""
     by_frame = np.argsort(others.frame, kind="stable")
     blocks = [np.stack(pairs) for pairs in pairs_in_frames(rows.frame, others.frame[by_frame])]
-    mine, theirs = np.concatenate(blocks, axis=1)
-    if len(mine) < 20:
+    first, second = np.concatenate(blocks, axis=1)
+    if len(first) < VOTES_MIN:
         return np.zeros(rows.at.shape[1])
-    apart = others.at[by_frame[theirs]] - rows.at[mine]
-    voters = cKDTree(apart)
-    votes = voters.query_ball_point(apart, 0.5, return_length=True)
-    agreeing = voters.query_ball_point(apart[np.argmax(votes)], 0.5)
-    return np.asarray(np.median(apart[agreeing], axis=0))
+    offsets = others.at[by_frame[second]] - rows.at[first]
+    tree = cKDTree(offsets)
+    votes = tree.query_ball_point(offsets, 0.5, return_length=True)
+    agreeing = tree.query_ball_point(offsets[np.argmax(votes)], 0.5)
+    return np.asarray(np.median(offsets[agreeing], axis=0))

@@ -8,7 +8,7 @@ from collections.abc import Sequence as Items
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, get_args
+from typing import Any, get_args
 
 import numpy as np
 
@@ -33,12 +33,12 @@ PEOPLE_GROUPS = (("0", 0, 0.0), ("1-2", 1, 2.0), ("3-5", 3, 5.0), ("6-9", 6, 9.0
 
 
 WALKING_MPS = 0.5
-"""Who is faster walks, and who is slower stands, by the truth [m/s]. Shuffling on the spot is slower."""
+"""Speed of the true person above which somebody walks, else stands [m/s]. Shuffling on the spot is slower."""
 
 
 @dataclass(frozen=True, eq=False)
 class FacingErrors:
-    """Of every match whose track faces somewhere, (K,) each.
+    """Differences of every match whose track faces somewhere, (K,) each.
 
     Attributes:
         to_truth_deg: to where the truth faces, 0 to 180; NaN where it does not say.
@@ -53,37 +53,38 @@ class FacingErrors:
     sure: Bool
 
     def to_json(self) -> dict[str, Any]:
-        """Of walkers and of standers with a true facing: rows, the share that is sure, how many of these are not back
-        to front and their median difference [deg], and the median of all with front and back alike; empty without
-        any."""
+        """Figures of walkers and of standers with a true facing: rows, the share that is sure, how many of these are
+        not back to front and their median difference [deg], and the median of all with front and back alike; empty
+        without any."""
+        has_truth = np.isfinite(self.to_truth_deg)
         groups = {"walkers": self.speed_mps > WALKING_MPS, "standers": self.speed_mps <= WALKING_MPS}
         figures = {}
         for name, members in groups.items():
-            counts = members & np.isfinite(self.to_truth_deg)
-            known = self.to_truth_deg[counts]
-            sure = self.to_truth_deg[counts & self.sure]
-            if len(known):
+            differences = self.to_truth_deg[members & has_truth]
+            sure = self.to_truth_deg[members & has_truth & self.sure]
+            if len(differences):
                 figures[name] = {
-                    "rows": len(known),
-                    "sure_share": len(sure) / len(known),
+                    "rows": len(differences),
+                    "sure_share": len(sure) / len(differences),
                     "sure_right_share": float((sure < 90.0).mean()) if len(sure) else None,
                     "median_deg": float(np.median(sure)) if len(sure) else None,
-                    "median_modulo_180_deg": float(np.median(np.minimum(known, 180.0 - known))),
+                    "median_modulo_180_deg": float(np.median(np.minimum(differences, 180.0 - differences))),
                 }
         return figures
 
     @property
     def walkers_deg(self) -> float | None:
-        """Median difference of walkers who surely face somewhere to the truth, or where that does not say where people
-        face, to the direction in which they walk; None without any."""
-        against = self.to_truth_deg if np.isfinite(self.to_truth_deg).any() else self.to_walk_deg
-        known = against[self.sure & (self.speed_mps > WALKING_MPS) & np.isfinite(against)]
-        return float(np.median(known)) if len(known) else None
+        """Median difference of walkers who surely face somewhere to the truth, or where that has no facing, to the
+        direction in which they walk; None without any."""
+        differences = self.to_truth_deg if np.isfinite(self.to_truth_deg).any() else self.to_walk_deg
+        differences = differences[self.sure & (self.speed_mps > WALKING_MPS)]
+        differences = differences[np.isfinite(differences)]
+        return float(np.median(differences)) if len(differences) else None
 
 
 @dataclass(frozen=True, eq=False)
 class TruthRows:
-    """What is known of every truth row that counts, (N,) each.
+    """Every truth row that counts, (N,) each.
 
     Attributes:
         distance_m: from the origin of the truth's floor frame (below the camera in our own recordings) [m]; may be NaN.
@@ -100,35 +101,43 @@ class TruthRows:
     position_error_m: F64
 
 
+DISTANCES_M = (0, 2, 4, 6, 8, 12, math.inf)
+"""Edges of the groups by distance: the depth noise of a stereo pair grows with the square of it."""
+SHARES = (0, 0.25, 0.5, 0.75, math.nextafter(1, 2))
+"""Edges of the groups by visibility; fully visible belongs to the last."""
+
+
 def breakdown_json(rows: TruthRows) -> dict[str, list[dict[str, Any]]]:
     """Three tables by their keys: truth rows of each group, how many are matched, and their position error [m], None
     without any; without people in a frame there are no rows of it."""
-
-    def between(values: F64, edges: tuple[float, ...]) -> list[tuple[str, Bool]]:
-        return [
-            (f"{low:g}+" if math.isinf(high) else f"{low:g}-{high:g}", (values >= low) & (values < high))
-            for low, high in pairwise(edges)
-        ]
-
-    def scores(name: str, members: Bool) -> dict[str, Any]:
-        errors = rows.position_error_m[members]
-        errors = errors[np.isfinite(errors)]
-        return {
-            "group": name,
-            "truth_rows": int(members.sum()),
-            "matches": int(rows.matched[members].sum()),
-            "position_error_mean_m": _mean(errors),
-            "position_error_std_m": float(errors.std()) if len(errors) else None,
-        }
-
-    members = {
-        # The depth noise of a stereo pair grows with the square of the distance.
-        "by_distance": between(rows.distance_m, (0, 2, 4, 6, 8, 12, math.inf)),
-        # Fully visible belongs to the last.
-        "by_visibility": between(rows.visible, (0, 0.25, 0.5, 0.75, math.nextafter(1, 2))),
-        "by_people": [(name, (rows.people >= low) & (rows.people <= high)) for name, low, high in PEOPLE_GROUPS[1:]],
+    by_people = []
+    for name, low, high in PEOPLE_GROUPS[1:]:
+        by_people.append(_group_json(rows, name, (rows.people >= low) & (rows.people <= high)))
+    return {
+        "by_distance": _groups_between(rows, rows.distance_m, DISTANCES_M),
+        "by_visibility": _groups_between(rows, rows.visible, SHARES),
+        "by_people": by_people,
     }
-    return {key: [scores(*group) for group in groups] for key, groups in members.items()}
+
+
+def _groups_between(rows: TruthRows, values: F64, edges: tuple[float, ...]) -> list[dict[str, Any]]:
+    groups = []
+    for low, high in pairwise(edges):
+        name = f"{low:g}+" if math.isinf(high) else f"{low:g}-{high:g}"
+        groups.append(_group_json(rows, name, (values >= low) & (values < high)))
+    return groups
+
+
+def _group_json(rows: TruthRows, name: str, members: Bool) -> dict[str, Any]:
+    errors = rows.position_error_m[members]
+    errors = errors[np.isfinite(errors)]
+    return {
+        "group": name,
+        "truth_rows": int(members.sum()),
+        "matches": int(rows.matched[members].sum()),
+        "position_error_mean_m": _mean(errors),
+        "position_error_std_m": _std(errors),
+    }
 
 
 _CLEAR = ("fragmentations", "mostly_tracked", "mostly_lost", "misses", "false_positives")
@@ -151,7 +160,7 @@ LABELS = {
     "duration_s": "duration [s]", "track_frames": "frames with tracks",
     "covered_frames": "frames with tracks and truth",
 }  # fmt: skip
-"""What people call the figures of ``Evaluation.to_json``."""
+"""Names for people of the figures of ``Evaluation.to_json``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,30 +219,21 @@ class Evaluation:
     @property
     def headline(self) -> str:
         """The figures that matter most, in one line."""
-        people = self.sequence.n_truth
-        all_hidden = self.ignored_rows and not self.sequence.truth_rows
-        hidden = f" (all {self.ignored_rows:,} rows hidden)" if all_hidden else ""
-        noun = "person" if people == 1 else "people"
-        doubted = f" (do they fit if {self.cause.names}?)" if self.cause else ""
-        parts = [f"{people} {noun} in the truth{hidden}{doubted}, {self.tracked_people} tracked"]
-        for name, value in (("MOTA", self.mota), ("IDF1", self.idf1)):
-            parts += [f"{name} {value:.3f}"] if value is not None else []
+        people = f"{_counted(self.sequence.n_truth, 'person', 'people')} in the truth"
+        if self.ignored_rows and not self.sequence.truth_rows:
+            people += f" (all {self.ignored_rows:,} rows hidden)"
+        if self.cause is not None:
+            people += f" (do they fit if {self.cause.names}?)"
+        parts = [people, f"{self.tracked_people} tracked"]
+        for name, score in (("MOTA", self.mota), ("IDF1", self.idf1)):
+            if score is not None:
+                parts.append(f"{name} {score:.3f}")
         for name, mean_m in (("position", self.position_error_mean_m), ("height", self.height_error_mean_m)):
-            parts += [f"{name} error {100 * mean_m:.1f} cm"] if mean_m is not None else []
-        for number, one in ((self.switches, "switch"), (len(self.significant), "significant error")):
-            parts += [f"{number:,} {one}{'' if number == 1 else 'es' if one.endswith('h') else 's'}"]
+            if mean_m is not None:
+                parts.append(f"{name} error {100 * mean_m:.1f} cm")
+        parts.append(_counted(self.switches, "switch", "switches"))
+        parts.append(_counted(len(self.significant), "significant error", "significant errors"))
         return ", ".join(parts)
-
-    if not TYPE_CHECKING:  # a name that is misspelt still fails in a type checker
-
-        def __getattr__(self, name: str) -> Any:
-            """Every figure of ``to_json`` by its name."""
-            if name.startswith("_") or name not in (figures := self.to_json()):
-                raise AttributeError(f"Evaluation has no figure {name!r}")
-            return figures[name]
-
-        def __dir__(self) -> list[str]:
-            return sorted({*super().__dir__(), *self.to_json()})
 
     def _repr_html_(self) -> str:
         import pandas  # half a second
@@ -242,7 +242,7 @@ class Evaluation:
         return str(pandas.DataFrame(figures, columns=["figure", "value"]).to_html(index=False))
 
     @property
-    def uncovered(self) -> str:
+    def doubts(self) -> str:
         """A sentence on what of truth and tracks does not fit together; empty where all does."""
         sentences = []
         if self.unjudged_rows:
@@ -251,9 +251,8 @@ class Evaluation:
             sentences.append(f"{share}: the truth does not cover the others, since {why}")
         if self.unplaced_rows:
             sentences.append(f"{self.unplaced_rows} rows without a finite position or box are left out")
-        if misfit := self._misfit():
-            sentences.append(misfit)
-        return "; ".join(sentences)
+        sentences.append(self._misfit())
+        return "; ".join(filter(None, sentences))
 
     @property
     def judged_share(self) -> float | None:
@@ -265,17 +264,14 @@ class Evaluation:
         if self.cause is not None:
             return str(self.cause)
         if self.shift:
-            frames = f"{self.shift:+d} frame{'s' * (abs(self.shift) > 1)}"
-            return f"tracks moved by {frames} fit clearly better: do both number frames from the same start?"
+            frames = "1 frame" if abs(self.shift) == 1 else f"{abs(self.shift)} frames"
+            sign = "+" if self.shift > 0 else "-"
+            return f"tracks moved by {sign}{frames} fit clearly better: do both number frames from the same start?"
         if 2 * self.covered_frames < self.track_frames:
             return (
                 f"the truth covers {self.covered_frames} of {self.track_frames} frames with tracks: in the others "
                 "every track counts as false"
             )
-        return self._unexplained()
-
-    def _unexplained(self) -> str:
-        """A sentence where few rows match and nothing that was tried explains it; else empty."""
         matches = len(self.clear.matches)
         truth_rows = self.sequence.truth_rows
         track_rows = self.sequence.track_rows
@@ -329,8 +325,9 @@ class Evaluation:
         return self.rows.position_error_m[np.isfinite(self.rows.position_error_m)]
 
     def to_json(self) -> dict[str, Any]:
-        """The ``--json`` object; a score that the data cannot give is null."""
+        """All figures by name; a score that the data cannot give is None."""
         by_kind = Counter(error.kind for error in self.significant)
+        facing = self.facing.to_json()
         return {
             "people": self.sequence.n_truth,
             "tracked_people": self.tracked_people,
@@ -342,18 +339,16 @@ class Evaluation:
             "det_a": self._hota.deta,
             "ass_a": self._hota.assa,
             "switches": self.switches,
-            "switches_per_minute": self._per(60.0, self.clear.switches),
+            "switches_per_minute": self._per(60.0, self.switches),
             **{name: getattr(self.clear, name) for name in _CLEAR},
             "position_error_mean_m": self.position_error_mean_m,
-            "position_error_std_m": float(self.position_error_m.std()) if len(self.position_error_m) else None,
+            "position_error_std_m": _std(self.position_error_m),
             "height_error_mean_m": self.height_error_mean_m,
-            **({"facing": facing} if (facing := self.facing.to_json()) else {}),
+            **({"facing": facing} if facing else {}),
             "significant_errors": {"total": len(self.significant), **{kind: by_kind[kind] for kind in KINDS}},
-            "significant_errors_per_10_min": self._per(600.0, len(self.significant)),
-            "significant_errors_per_10_min_upper": self._per(600.0, poisson_upper(len(self.significant))),
+            **self._per_10_min("significant_errors", len(self.significant)),
             "events": self.events,
-            "events_per_10_min": self._per(600.0, self.events),
-            "events_per_10_min_upper": self._per(600.0, poisson_upper(self.events)),
+            **self._per_10_min("events", self.events),
             "strict_identity_changes": self.strict_identity_changes,
             "strict_per_10_min": self._per(600.0, self.strict_identity_changes),
             "significant_error_list": [asdict(error) for error in self.significant],
@@ -371,6 +366,10 @@ class Evaluation:
     def _per(self, seconds: float, count: float) -> float | None:
         return count * seconds / self.duration_s if self.duration_s > 0 else None
 
+    def _per_10_min(self, name: str, count: int) -> dict[str, float | None]:
+        upper = self._per(600.0, poisson_upper(count))
+        return {f"{name}_per_10_min": self._per(600.0, count), f"{name}_per_10_min_upper": upper}
+
 
 _SUMS = (
     "ignored_rows", "events", "strict_identity_changes", "duration_s", "tracked_people", "track_frames",
@@ -378,7 +377,7 @@ _SUMS = (
 )  # fmt: skip
 
 
-def pooled(parts: Items[Evaluation]) -> Evaluation:
+def pool(parts: Items[Evaluation]) -> Evaluation:
     """Several recordings scored as one: counts and rows add up, people and tracks of different ones never match."""
     sequence = Sequence.joined([part.sequence for part in parts])
     return Evaluation(
@@ -395,3 +394,11 @@ def pooled(parts: Items[Evaluation]) -> Evaluation:
 
 def _mean(values: F64) -> float | None:
     return float(values.mean()) if len(values) else None
+
+
+def _std(values: F64) -> float | None:
+    return float(values.std()) if len(values) else None
+
+
+def _counted(number: int, one: str, many: str) -> str:
+    return f"{number:,} {one if number == 1 else many}"

@@ -41,12 +41,12 @@ def test_what_a_truth_does_not_cover_is_not_judged(keep: Callable[[Trajectories]
     result = evaluate_tracks(TRACKS, truth)
     assert result.mota == 1.0
     assert result.judged_share == pytest.approx(len(truth) / len(TRACKS), abs=0.03)
-    assert said in result.uncovered
+    assert said in result.doubts
 
 
 def test_a_truth_of_everything_judges_everything() -> None:
     result = evaluate_tracks(TRACKS, TRACKS)
-    assert (result.judged_share, result.uncovered) == (1.0, "")
+    assert (result.judged_share, result.doubts) == (1.0, "")
 
 
 def with_false(rows: np.ndarray, x_m: float) -> Evaluation:
@@ -70,17 +70,17 @@ def test_a_track_that_stays_a_moment_after_its_person_left_counts_as_false() -> 
 def test_a_truth_of_some_people_is_asked_about_and_the_others_count_as_false() -> None:
     result = evaluate_tracks(TRACKS, TRACKS.where(TRACKS.track_id == 2))
     assert result.clear.false_positives == 2 * FRAMES
-    assert "2 of 3 tracks walk where the truth has nobody" in result.uncovered
-    assert "Without them MOTA is 1.000" in result.uncovered
+    assert "2 of 3 tracks walk where the truth has nobody" in result.doubts
+    assert "Without them MOTA is 1.000" in result.doubts
 
 
 def test_a_score_that_nothing_explains_says_so() -> None:
     order = np.random.default_rng(0).permutation(len(TRACKS))
     truth = replace(TRACKS, x_m=TRACKS.x_m[order] * 2.0, y_m=TRACKS.y_m[order[::-1]])
-    assert "tried explains it" in evaluate_tracks(TRACKS, truth).uncovered
+    assert "tried explains it" in evaluate_tracks(TRACKS, truth).doubts
 
 
 def test_people_who_are_missing_say_nothing_about_the_unit_of_heights() -> None:
     child = replace(TRACKS, height_m=np.where(TRACKS.track_id == 1, 1.7, 0.9))
     result = evaluate_tracks(TRACKS.where(TRACKS.track_id == 1), child)
-    assert result.height_ratio == 1.0 and "height" not in result.uncovered
+    assert result.height_ratio == 1.0 and "height" not in result.doubts

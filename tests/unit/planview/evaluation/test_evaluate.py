@@ -11,7 +11,7 @@ import pytest
 from calib.errors import InputError, WorkError
 from planview.api.scores import evaluate
 from planview.cli import main
-from planview.evaluation.align import FloorAlignment, align_tracks, moved
+from planview.evaluation.align import FloorAlignment, align_tracks, move_tracks
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import KINDS
 from planview.output.folder import RunInfo, write_run_info
@@ -81,7 +81,7 @@ def test_truth_that_counts_frames_from_1_is_noticed():
     late = walk()
     for frames, words in ((1, "+1 frame fit"), (4, "+4 frames fit"), (-3, "-3 frames fit")):
         result = evaluate_tracks(walk(x_m=0.01), replace(late, frame=late.frame + frames))
-        assert result.shift == frames and f"tracks moved by {words} clearly better" in result.uncovered
+        assert result.shift == frames and f"tracks moved by {words} clearly better" in result.doubts
 
 
 def test_rates_are_over_the_time_scored():
@@ -338,7 +338,7 @@ def test_truth_of_every_fifth_frame_leaves_the_others_out():
     truth = truth.where(truth.frame % 5 == 0)
     result = evaluate_tracks(tracks, truth)
     assert (result.clear.mota, result.clear.false_positives, result.unjudged_rows) == (1.0, 0, 80)
-    assert result.duration_s == pytest.approx(21 * 5 / 30) and "every 5th frame only" in result.uncovered
+    assert result.duration_s == pytest.approx(21 * 5 / 30) and "every 5th frame only" in result.doubts
     stray = evaluate_tracks(replace(tracks, x_m=tracks.x_m + 5 * (tracks.frame >= 50)), truth)
     assert [(error.kind, error.frame) for error in stray.significant] == [("false_track", 50), ("lost", 50)]
 
@@ -347,7 +347,7 @@ def test_rows_without_a_position_are_counted():
     tracks = walk(10)
     tracks.x_m[3] = np.inf
     result = evaluate_tracks(tracks, walk(10))
-    assert result.unplaced_rows == 1 and "1 rows without a finite position" in result.uncovered
+    assert result.unplaced_rows == 1 and "1 rows without a finite position" in result.doubts
 
 
 def test_what_a_run_returns_is_scored_on_the_frames_that_it_read():
@@ -382,7 +382,7 @@ def two_walkers() -> Trajectories:
 
 
 def test_alignment_finds_the_motion_from_paths_with_noise_and_other_ids() -> None:
-    truth = moved(two_walkers(), MOTION)
+    truth = move_tracks(two_walkers(), MOTION)
     noisy = two_walkers()
     rng = np.random.default_rng(1)
     xy = np.column_stack([noisy.x_m, noisy.y_m]) + rng.normal(0, 0.05, (80, 2))

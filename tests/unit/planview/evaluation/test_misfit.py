@@ -125,7 +125,7 @@ def test_a_shift_is_found_however_long() -> None:
     ],
 )
 def test_an_evaluation_says_what_would_explain_it(change: Callable[[Trajectories], Trajectories], said: str) -> None:
-    assert said in evaluate_tracks(TRUTH, change(TRUTH), frames=(0, FRAMES - 1)).uncovered
+    assert said in evaluate_tracks(TRUTH, change(TRUTH), frames=(0, FRAMES - 1)).doubts
 
 
 def test_no_shift_is_named_of_a_truth_that_a_shift_does_not_explain() -> None:
