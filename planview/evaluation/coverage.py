@@ -1,4 +1,4 @@
-"""What a truth covers, in time, in place and of each person: rows of tracks outside of it are not judged.
+"""The part that a truth covers, in time, in place and of each person: rows of tracks outside of it are not judged.
 
 A track that follows a person and goes on where the truth has no row of that person shows that the truth ends there, and
 not the person.
@@ -32,61 +32,43 @@ class Coverage(NamedTuple):
     limits: tuple[str, ...]
 
 
-class _Followed(NamedTuple):
-    """Of each row of the tracks, (N,).
-
-    Attributes:
-        goes_on: it is near nobody, and its track follows a person who has no row in this frame.
-        gap: frames to that person's nearest row.
-    """
-
-    goes_on: Bool
-    gap: I64
-
-
 def coverage(truth: Trajectories, tracks: Trajectories, on_floor: bool, frame_s: float) -> Coverage:
     """The rows of the tracks that a truth covers; both tables have only rows with places."""
-    everything = np.ones(len(tracks), dtype=np.bool_)
+    covers_all = Coverage(np.ones(len(tracks), dtype=np.bool_), ())
     if not (len(truth) and len(tracks)):
-        return Coverage(everything, ())
+        return covers_all
     unit = near_unit(tracks, on_floor)
     places = places_of(tracks, on_floor, unit)
     true_places = places_of(truth, on_floor, unit)
-    nearest = nearest_rows(places, true_places)
     if share_near(true_places, places) < MOSTLY:  # of other places or times: nobody is followed
-        return Coverage(everything, ())
-    followed = _followed(truth, tracks, nearest)
+        return covers_all
+    nearest = nearest_rows(places, true_places)
+    gap = _gaps(truth, tracks, nearest)
+    goes_on = (nearest < 0) & (gap > 0)
     limits = []
     outside = np.zeros(len(tracks), dtype=np.bool_)
     usual = usual_step(truth)
     if usual > 1:
-        outside |= followed.goes_on & (followed.gap < np.percentile(_steps(truth), 95))
+        outside |= goes_on & (gap < np.percentile(_steps(truth), 95))
         limits.append(f"each person has rows in about every {ordinal(usual)} frame only (keyframes)")
-    ends = _ends(truth, tracks)
-    hull = shapely.convex_hull(shapely.MultiPoint(_middles(true_places)))
-    beside = ~outside & (nearest < 0) & _is_outside(hull, places)
-    far = beside & _is_outside(hull.buffer(1.0), places)
-    counted = ~(outside | ends[0][0] | ends[1][0])
-    leaving = np.count_nonzero(counted & far & followed.goes_on)
-    if leaving > OUTSIDE * np.count_nonzero(counted) and leaving > MOSTLY * np.count_nonzero(counted & far):
-        outside |= far | (beside & followed.goes_on)
-        limits.append("its places are a part of the floor only" if on_floor else "its boxes are in a part of the image")
-    for beyond, limit in ends:
-        _, rows = np.unique(tracks.track_id[beyond & ~outside & followed.goes_on], return_counts=True)
-        if rows.max(initial=0) * frame_s > GOES_ON_S:
-            outside |= beyond
-            limits.append(limit)
-    return Coverage(~outside, tuple(limits))
-
-
-def _ends(truth: Trajectories, tracks: Trajectories) -> tuple[tuple[Bool, str], tuple[Bool, str]]:
-    """Rows of the tracks before the first and after the last frame with truth, each with what they would show."""
     first = truth.frame[0]
     last = truth.frame[-1]
-    return (
-        (np.asarray(tracks.frame < first), f"it begins with frame {first}"),
-        (np.asarray(tracks.frame > last), f"it ends with frame {last}"),
-    )
+    hull = shapely.convex_hull(shapely.MultiPoint(_middles(true_places)))
+    is_beside = ~outside & (nearest < 0) & _is_outside(hull, places)
+    is_far = is_beside & _is_outside(hull.buffer(1.0), places)
+    counted = ~outside & (tracks.frame >= first) & (tracks.frame <= last)
+    leaving = np.count_nonzero(counted & is_far & goes_on)
+    if leaving > OUTSIDE * np.count_nonzero(counted) and leaving > MOSTLY * np.count_nonzero(counted & is_far):
+        outside |= is_far | (is_beside & goes_on)
+        limits.append("its places are a part of the floor only" if on_floor else "its boxes are in a part of the image")
+    before = (tracks.frame < first, f"it begins with frame {first}")
+    after = (tracks.frame > last, f"it ends with frame {last}")
+    for is_beyond, limit in (before, after):
+        _, rows = np.unique(tracks.track_id[is_beyond & ~outside & goes_on], return_counts=True)
+        if rows.max(initial=0) * frame_s > GOES_ON_S:
+            outside |= is_beyond
+            limits.append(limit)
+    return Coverage(~outside, tuple(limits))
 
 
 def usual_step(truth: Trajectories) -> int:
@@ -102,7 +84,7 @@ def _steps(truth: Trajectories) -> I64:
 
 
 def _is_outside(area: shapely.Geometry, places: Places) -> Bool:
-    """(N,) whether places lie outside of an area."""
+    """(N,) mask of the places outside of an area."""
     return np.asarray(~shapely.intersects_xy(area, *_middles(places).T))
 
 
@@ -111,24 +93,26 @@ def _middles(places: Places) -> F64:
     return np.asarray(places.at.reshape(len(places), -1, 2).mean(axis=1))
 
 
-def _followed(truth: Trajectories, tracks: Trajectories, nearest: I64) -> _Followed:
-    """Whom each track follows: the person whom it was near in the frame that is next in time."""
-    person = np.full(len(tracks), -1)
-    index = np.unique(truth.track_id, return_inverse=True)[1]
+def _gaps(truth: Trajectories, tracks: Trajectories, nearest: I64) -> I64:
+    """(N,) frames from each row of the tracks to the nearest row of the person whom its track follows: whom it was near
+    in the frame that is next in time; 0 of tracks that were near nobody. ``nearest``: row of the truth, or -1."""
+    gap = np.zeros(len(tracks), dtype=np.int64)
+    rows_of = dict(rows_by_id(truth.track_id))
     for _, rows in rows_by_id(tracks.track_id):
         near = rows[nearest[rows] >= 0]
-        if len(near):
-            closest = near[_closest(tracks.frame[near], tracks.frame[rows])]
-            person[rows] = index[nearest[closest]]
-    # One number for each person and frame, so that people are as far from each other as the recording is long.
-    first = min(truth.frame[0], tracks.frame[0])
-    span = 2 * (max(truth.frame[-1], tracks.frame[-1]) - first + 1)
-    known = np.sort(index * span + truth.frame)
-    asked = person * span + tracks.frame
-    gap = np.abs(known[_closest(known, asked)] - asked)
-    return _Followed((nearest < 0) & (person >= 0) & (gap > 0), gap)
+        if not len(near):
+            continue
+        frames = tracks.frame[rows]
+        closest = near[_closest(tracks.frame[near], frames)]
+        people = truth.track_id[nearest[closest]]
+        for person in np.unique(people).tolist():
+            seen = truth.frame[rows_of[person]]
+            is_followed = people == person
+            followed = frames[is_followed]
+            gap[rows[is_followed]] = np.abs(seen[_closest(seen, followed)] - followed)
+    return gap
 
 
-def _closest(known: I64, asked: I64) -> I64:
-    """Indices of the known numbers, ascending, that are closest to those asked for."""
-    return np.searchsorted((known[:-1] + known[1:]) / 2, asked)
+def _closest(numbers: I64, wanted: I64) -> I64:
+    """Indices of the numbers, ascending, that are closest to the wanted ones."""
+    return np.searchsorted((numbers[:-1] + numbers[1:]) / 2, wanted)
