@@ -60,44 +60,47 @@ def find_floor(
     """
     params = params or FloorParams()
     inverse_per_px = 1.0 / (focal_px * baseline_m)
-    points = _points(clouds, sigma_z, planes.FLOOR_DISPARITY_STD_PX * inverse_per_px)
+    points = _thin_points(clouds, sigma_z, planes.FLOOR_DISPARITY_STD_PX * inverse_per_px)
     if len(points) < MIN_POINTS:
         raise WorkError(f"no floor found: only {len(points)} points with valid depth in {len(clouds)} frames")
-    seen = Moved.of(moved)
+    movement = Moved.of(moved)
     cells = Cells(points)
-    candidates = floor_candidates(cells, params, seen)
+    candidates = floor_candidates(cells, params, movement)
     best = planes.choose_floor(candidates, params)
     if best is None:
-        raise WorkError(planes.nothing_found(candidates, len(clouds)))
+        raise WorkError(planes.refusal(candidates, len(clouds)))
     if align is not None:
         best = replace(best, plane=align(best.plane))
-    return replace(
-        _floor(best, cells, planes.FLOOR_BIAS_PX * inverse_per_px), doubt=planes.doubt(best, candidates, seen, params)
-    )
+    floor = _floor(best, cells, planes.FLOOR_BIAS_PX * inverse_per_px)
+    return replace(floor, doubt=planes.doubt(best, candidates, movement, params))
 
 
 def floor_candidates(cells: Cells, params: FloorParams, moved: Moved) -> list[Candidate]:
     """Planes in the points, each judged, about the likeliest first."""
-    rest = view = cells.medians()
-    found: list[Candidate] = []
-    for n in range(2 * N_CANDIDATES):
-        if len(rest) < max(3, 0.5 * planes.MIN_INLIER_FRACTION * len(view)):
+    view = cells.medians()
+    rest = view
+    least = 0.5 * planes.MIN_INLIER_FRACTION * len(view)
+    candidates: list[Candidate] = []
+    for number in range(2 * N_CANDIDATES):
+        if len(rest) < max(3, least):
             break
         # Of what the largest planes leave, walls for the most part, only what may be a floor.
-        guess = _ransac(rest, None if n < N_CANDIDATES else params)
-        off = np.abs(rest.residuals(guess))
-        if (off < INLIER_SIGMAS).sum() < 0.5 * planes.MIN_INLIER_FRACTION * len(view):
+        allowed = None if number < N_CANDIDATES else params
+        guess = _ransac(rest, allowed)
+        distances = np.abs(rest.residuals(guess))
+        if (distances < INLIER_SIGMAS).sum() < least:
             break
         # Planes cross: a third of the layer taken out leaves enough of a floor that this one cuts through.
-        rest = rest.where(off >= INLIER_SIGMAS / 3)
+        rest = rest.where(distances >= INLIER_SIGMAS / 3)
         rough = planes.fit_plane(view, guess)
-        if rough is not None and not any(_same(rough, other.plane, view) for other in found):
-            plane, view_on = _refined(rough, cells)
-            found.append(planes.judge(plane, view_on, cells, moved, params))
-    return found
+        if rough is None or any(_same(rough, other.plane, view) for other in candidates):
+            continue
+        plane, against_plane = _refine(rough, cells)
+        candidates.append(planes.judge(plane, against_plane, cells, moved, params))
+    return candidates
 
 
-def _refined(plane: Plane, cells: Cells) -> tuple[Plane, Rays]:
+def _refine(plane: Plane, cells: Cells) -> tuple[Plane, Rays]:
     """Fit again to cells without the points that the plane shows to be of something else."""
     view = cells.medians(plane.q)
     for _ in range(2):
@@ -108,15 +111,17 @@ def _refined(plane: Plane, cells: Cells) -> tuple[Plane, Rays]:
 
 
 def _away_from_edges(plane: Plane, cells: Cells, view: Rays) -> Bool:
-    """(N,) which cells have nothing but floor around them: matching smooths what meets the floor into it."""
+    """(N,) mask of cells with nothing but floor around them: matching smooths what meets the floor into it."""
     residuals = view.residuals(plane.q)
-    on = np.abs(residuals) < INLIER_SIGMAS
+    is_on = np.abs(residuals) < INLIER_SIGMAS
     rows, columns = cells.places.T
-    image = np.zeros((rows.max() + 1, planes.CELLS_ACROSS), np.uint8)
-    image[rows, columns] = residuals >= INLIER_SIGMAS
-    free = cv2.dilate(image, EDGE_CELLS)[rows, columns] == 0
+    above = np.zeros((rows.max() + 1, planes.CELLS_ACROSS), np.uint8)
+    above[rows, columns] = residuals >= INLIER_SIGMAS
+    is_free: Bool = np.asarray(cv2.dilate(above, EDGE_CELLS)[rows, columns] == 0)
     # A floor in small pieces is all edge: better fitted with them than not at all.
-    return free if (on & free).sum() > 0.3 * on.sum() else np.ones(len(view), dtype=np.bool_)
+    if (is_on & is_free).sum() <= 0.3 * is_on.sum():
+        return np.ones(len(view), dtype=np.bool_)
+    return is_free
 
 
 def _floor(best: Candidate, cells: Cells, bias: float) -> Floor:
@@ -125,9 +130,9 @@ def _floor(best: Candidate, cells: Cells, bias: float) -> Floor:
     columns = []
     # Covariance of (height, tilt, roll) by central differences over q.
     step = 1e-6 * float(np.linalg.norm(plane.q))
-    for d in step * np.eye(3):
-        ahead = _height_and_angles(replace(plane, q=plane.q + d))
-        behind = _height_and_angles(replace(plane, q=plane.q - d))
+    for change in step * np.eye(3):
+        ahead = _height_and_angles(replace(plane, q=plane.q + change))
+        behind = _height_and_angles(replace(plane, q=plane.q - change))
         columns.append((ahead - behind) / (2 * step))
     jacobian = np.stack(columns, axis=1)
     pose = world_from_plane(plane.normal, plane.distance_m)
@@ -151,27 +156,31 @@ def _height_and_angles(plane: Plane) -> F64:
     return np.array([plane.distance_m, plane.tilt_rad, plane.roll_rad])
 
 
-def _points(clouds: Sequence[F32], sigma_z: Sequence[F32] | None, noise: float) -> Rays:
+def _thin_points(clouds: Sequence[F32], sigma_z: Sequence[F32] | None, noise: float) -> Rays:
     """Valid points of all clouds, thinned evenly to what the fit looks at; ``noise`` is that of inverse depth without
     deviations."""
-    if shapes := [np.shape(cloud) for cloud in clouds if np.ndim(cloud) != 2 or np.shape(cloud)[1] != 3]:
-        raise ValueError(f"expected clouds of (N, 3) points, got {shapes[0]}")
-    if sigma_z is not None and [len(s) for s in sigma_z] != [len(c) for c in clouds]:
+    for cloud in clouds:
+        if np.ndim(cloud) != 2 or np.shape(cloud)[1] != 3:
+            raise ValueError(f"expected clouds of (N, 3) points, got {np.shape(cloud)}")
+    if sigma_z is not None and list(map(len, sigma_z)) != list(map(len, clouds)):
         raise ValueError("expected one depth deviation per point")
-    stride = max(1, math.ceil(sum(len(c) for c in clouds) / FIT_POINTS))
-
-    # Another offset per frame, so that every pixel is used in some frame.
-    def thinned(columns: Sequence[F32], shape: tuple[int, ...]) -> F64:
-        parts = (np.asarray(column)[i % stride :: stride] for i, column in enumerate(columns))
-        return np.concatenate([np.empty(shape), *parts]).astype(np.float64)
-
-    points = thinned(clouds, (0, 3))
-    valid = np.isfinite(points).all(axis=1) & (np.nan_to_num(points[:, 2]) > 1e-3)
-    z = points[valid, 2:]
+    stride = max(1, math.ceil(sum(map(len, clouds)) / FIT_POINTS))
+    points = _thin(clouds, stride).reshape(-1, 3)
+    z = points[:, 2]
+    is_valid = np.isfinite(points).all(axis=1) & (np.nan_to_num(z) > 1e-3)
+    points = points[is_valid]
+    z = z[is_valid]
     sigma = np.full(len(z), noise)
     if sigma_z is not None:
-        sigma = np.maximum(thinned(sigma_z, (0,))[valid] / z[:, 0] ** 2, 1e-9)
-    return Rays(points[valid] / z, 1.0 / z[:, 0], sigma)
+        sigma = np.maximum(_thin(sigma_z, stride)[is_valid] / z**2, 1e-9)
+    return Rays(points / z[:, None], 1.0 / z, sigma)
+
+
+def _thin(arrays: Sequence[F32], stride: int) -> F64:
+    """Every so manieth row of all arrays."""
+    # Another offset per frame, so that every pixel is used in some frame.
+    parts = [np.asarray(array)[number % stride :: stride] for number, array in enumerate(arrays)]
+    return np.concatenate(parts).astype(np.float64) if parts else np.empty(0)
 
 
 def _ransac(points: Rays, floors: FloorParams | None) -> F64:
@@ -181,27 +190,33 @@ def _ransac(points: Rays, floors: FloorParams | None) -> F64:
     on it is near to more points, but not as near. Not open3d's, whose threads give another floor from run to run.
     """
     rng = np.random.default_rng(0)
-    three = rng.integers(0, len(points), (RANSAC_ITERATIONS, 3))
-    corners = points.rays[three]
-    sound = np.abs(np.linalg.det(corners)) > 1e-9
-    tried = np.linalg.solve(corners[sound], points.inverse[three][sound][..., None])[..., 0]
+    triples = rng.integers(0, len(points), (RANSAC_ITERATIONS, 3))
+    corners = points.rays[triples]
+    is_sound = np.abs(np.linalg.det(corners)) > 1e-9
+    inverses = points.inverse[triples][is_sound]
+    guesses = np.linalg.solve(corners[is_sound], inverses[..., None])[..., 0]
     if floors is not None:
-        tried = tried[planes.in_place(tried, floors)]
+        guesses = guesses[planes.in_place(guesses, floors)]
+    if not len(guesses):
+        return np.zeros(3)
     few = np.linspace(0, len(points) - 1, min(len(points), SCORED)).astype(np.int64)
-    scored = np.column_stack([points.rays, points.inverse])[few] / (INLIER_SIGMAS * points.sigma[few, None])
-    off = np.column_stack([tried, np.full(len(tried), -1.0)]).astype(np.float32) @ scored.T.astype(np.float32)
-    off *= off
-    np.subtract(np.float32(1.0), off, out=off)
-    held = np.maximum(off, np.float32(0.0), out=off).sum(axis=1)
-    return tried[int(np.argmax(held))] if len(held) else np.zeros(3)
+    equations = np.column_stack([points.rays, points.inverse])[few]
+    equations /= INLIER_SIGMAS * points.sigma[few, None]
+    unknowns = np.column_stack([guesses, np.full(len(guesses), -1.0)])
+    # In single precision and in place: the largest array of the search.
+    scores = unknowns.astype(np.float32) @ equations.T.astype(np.float32)
+    scores *= scores
+    np.subtract(np.float32(1.0), scores, out=scores)
+    np.maximum(scores, np.float32(0.0), out=scores)
+    return np.asarray(guesses[int(np.argmax(scores.sum(axis=1)))])
 
 
 def _same(a: Plane, b: Plane, points: Rays) -> bool:
-    """Whether two fits ran into the same plane: they differ by less than a deviation where they were seen."""
-    near = np.abs(points.residuals(a.q)) < 3.0
-    if not near.any():
+    """True if two fits ran into the same plane: they differ by less than a deviation where they were seen."""
+    is_near = np.abs(points.residuals(a.q)) < 3.0
+    if not is_near.any():
         return True
-    shift = points.rays[near] @ (a.q - b.q) / points.sigma[near]
+    shift = points.rays[is_near] @ (a.q - b.q) / points.sigma[is_near]
     return bool(np.abs(shift).mean() < 1.0)
 
 
@@ -221,7 +236,9 @@ def floor_from_points(points: ArrayLike, name: str = "points", depth_std_m: Arra
         raise InputError(f"{name}: expected finite floor points in metres, found NaN or infinity")
     centre = p.mean(axis=0)
     _, spread, axes = np.linalg.svd(p - centre)
-    normal = axes[2] if axes[2] @ centre < 0 else -axes[2]
+    normal = axes[2]
+    if normal @ centre >= 0:
+        normal = -normal
     height = float(-normal @ centre)
     out_deg = math.degrees(math.asin(normal[0]))
     problem = ""
@@ -239,10 +256,11 @@ def floor_from_points(points: ArrayLike, name: str = "points", depth_std_m: Arra
     if depth_std_m is not None:
         # Height of the floor at (x, y): height + y tilt + x roll, to first order.
         world = pose @ p
-        estimate = np.linalg.pinv(np.column_stack([np.ones(len(p)), world[:, 1], world[:, 0]]))
-        std = np.asarray(depth_std_m) * np.abs(p @ normal) / p[:, 2]
-        left_over = residual * math.sqrt(len(p) / max(len(p) - 3, 1))
-        covariance = (estimate * np.maximum(std, left_over) ** 2) @ estimate.T
+        design = np.column_stack([np.ones(len(p)), world[:, 1], world[:, 0]])
+        estimate = np.linalg.pinv(design)
+        height_std = np.asarray(depth_std_m) * np.abs(p @ normal) / p[:, 2]
+        scatter = residual * math.sqrt(len(p) / max(len(p) - 3, 1))
+        covariance = (estimate * np.maximum(height_std, scatter) ** 2) @ estimate.T
     return Floor(pose, residual_m=residual, covariance=covariance)
 
 
@@ -261,41 +279,45 @@ def floor_from_people(people: PeopleSeen, start: Floor, name: str = "tracks") ->
     Feet lie on the floor. Each person's head is at one height above it all along, that of an adult where no foot of
     theirs is ever seen. Robust least squares over tilt, roll, height and every person's height.
     """
-    heads: Bool = np.asarray(np.isfinite(people.head_m).all(axis=1))
-    feet_seen: Bool = np.asarray(np.isfinite(people.foot_m).all(axis=1))
-    used: Bool = np.asarray(heads | feet_seen)
-    anywhere = np.where(feet_seen[:, None], people.foot_m, people.head_m)[used]
-    if used.sum() < MIN_FEET:
-        raise WorkError(f"{name}: expected at least {MIN_FEET} observations of people, found {int(used.sum())}")
-    on_floor = (start.world_SE3_left @ anywhere)[:, :2]
-    spread = np.sqrt(np.linalg.eigvalsh(np.cov(on_floor.T)))
-    if spread[0] < 0.15:
-        raise WorkError(
-            f"{name}: expected people all over the floor, found them within {2 * spread[0]:.2f} m of one line: "
-            "tilt or roll cannot be determined"
-        )
+    has_head: Bool = np.asarray(np.isfinite(people.head_m).all(axis=1))
+    has_foot: Bool = np.asarray(np.isfinite(people.foot_m).all(axis=1))
+    is_used: Bool = np.asarray(has_head | has_foot)
+    n_used = int(is_used.sum())
+    if n_used < MIN_FEET:
+        raise WorkError(f"{name}: expected at least {MIN_FEET} observations of people, found {n_used}")
+    points = np.where(has_foot[:, None], people.foot_m, people.head_m)[is_used]
+    places = (start.world_SE3_left @ points)[:, :2]
+    width_m = 2 * math.sqrt(np.linalg.eigvalsh(np.cov(places.T))[0])
+    if width_m < 0.3:
+        found = f"them within {width_m:.2f} m of one line: tilt or roll cannot be determined"
+        raise WorkError(f"{name}: expected people all over the floor, found {found}")
     from scipy.optimize import least_squares  # half a second, and only people need it
 
-    ids, person = np.unique(people.track_id, return_inverse=True)
+    ids, numbers = np.unique(people.track_id, return_inverse=True)
+    feet_m = people.foot_m[has_foot]
+    heads_m = people.head_m[has_head]
+    head_numbers = numbers[has_head]
 
     def residuals(values: F64) -> F64:
-        normal = _normal(values[0], values[1])
-        foot = (people.foot_m[feet_seen] @ normal + values[2]) / FOOT_STD_M
-        head = (people.head_m[heads] @ normal + values[2] - values[3:][person[heads]]) / HEAD_STD_M
-        return np.concatenate([foot, head, (values[3:] - ADULT_HEIGHT_M) / ADULT_HEIGHT_STD_M])
+        tilt, roll, height = values[:3]
+        heights = values[3:]
+        normal = _normal(tilt, roll)
+        foot = (feet_m @ normal + height) / FOOT_STD_M
+        head = (heads_m @ normal + height - heights[head_numbers]) / HEAD_STD_M
+        adult = (heights - ADULT_HEIGHT_M) / ADULT_HEIGHT_STD_M
+        return np.concatenate([foot, head, adult])
 
     up = start.world_SE3_left.rotation[2]
-    first = [math.atan2(-up[1], -up[2]), math.asin(up[0]), start.height_m]
-    found = least_squares(residuals, [*first, *[ADULT_HEIGHT_M] * len(ids)], loss="soft_l1")
-    pose = world_from_plane(_normal(found.x[0], found.x[1]), float(found.x[2]))
-    feet = (pose @ people.foot_m[feet_seen])[:, 2]
-    covariance = np.linalg.pinv(found.jac.T @ found.jac)[:3, :3]
-    order = [2, 0, 1]
-    return Floor(
-        pose,
-        residual_m=float(np.sqrt(np.mean(np.minimum(np.abs(feet), 0.3) ** 2))) if len(feet) else math.nan,
-        covariance=covariance[np.ix_(order, order)],
-    )
+    pose_values = [math.atan2(-up[1], -up[2]), math.asin(up[0]), start.height_m]
+    result = least_squares(residuals, [*pose_values, *[ADULT_HEIGHT_M] * len(ids)], loss="soft_l1")
+    pose = world_from_plane(_normal(result.x[0], result.x[1]), float(result.x[2]))
+    foot_heights_m = (pose @ feet_m)[:, 2]
+    residual_m = math.nan
+    if len(foot_heights_m):
+        residual_m = float(np.sqrt(np.mean(np.minimum(np.abs(foot_heights_m), 0.3) ** 2)))
+    covariance = np.linalg.pinv(result.jac.T @ result.jac)
+    height_tilt_roll = np.ix_([2, 0, 1], [2, 0, 1])
+    return Floor(pose, residual_m=residual_m, covariance=covariance[height_tilt_roll])
 
 
 FOOT_STD_M = 0.08

@@ -137,25 +137,29 @@ class Cells:
     """
 
     def __init__(self, points: Rays) -> None:
-        low, high = np.quantile(points.rays[:, :2], (0.0005, 0.9995), axis=0)
+        xy = points.rays[:, :2]
+        low, high = np.quantile(xy, (0.0005, 0.9995), axis=0)
         width, height = (high - low).tolist()
         step = max(width, height / MAX_ASPECT, 1e-9) / CELLS_ACROSS
         last = np.maximum(1, np.ceil((high - low) / step)).astype(np.int64) - 1
-        place = np.clip(np.floor((points.rays[:, :2] - low) / step).astype(np.int64), 0, last)
-        index = place[:, 1] * CELLS_ACROSS + place[:, 0]
-        counts = np.bincount(index)
-        full = counts >= max(1.0, 0.1 * counts[counts > 0].mean())
-        kept = full[index]
-        self.points = points.where(kept)
-        self.counts = counts[full]
-        self.places = np.stack(np.divmod(np.flatnonzero(full), CELLS_ACROSS), axis=1)
-        self._index: I64 = (np.cumsum(full) - 1)[index[kept]]
+        column, row = np.clip(np.floor((xy - low) / step).astype(np.int64), 0, last).T
+        number = row * CELLS_ACROSS + column
+        counts = np.bincount(number)
+        is_full = counts >= max(1.0, 0.1 * counts[counts > 0].mean())
+        in_full = is_full[number]
+        self.points = points.where(in_full)
+        self.counts = counts[is_full]
+        self.places = np.stack(np.divmod(np.flatnonzero(is_full), CELLS_ACROSS), axis=1)
+        full_number = np.cumsum(is_full) - 1
+        self._index: I64 = full_number[number[in_full]]
         # A row of a table for the points of each cell, and the place in it of each point.
-        self._rows = np.full((len(self.counts), self.counts.max()), np.inf)
+        longest = self.counts.max()
+        self._rows = np.full((len(self.counts), longest), np.inf)
         order = np.argsort(self._index, kind="stable")
-        before = np.arange(len(order)) - np.repeat(np.cumsum(self.counts) - self.counts, self.counts)
+        first = np.cumsum(self.counts) - self.counts
+        before = np.arange(len(order)) - np.repeat(first, self.counts)
         self._place: I64 = np.empty(len(order), dtype=np.int64)
-        self._place[order] = self._index[order] * self._rows.shape[1] + before
+        self._place[order] = self._index[order] * longest + before
         self._rays = np.stack([self._mean(column) for column in self.points.rays.T], axis=1)
         self._sigma = self._mean(self.points.sigma)
 
@@ -174,17 +178,20 @@ class Cells:
         if q is None:
             return Rays(self._rays, self._medians(self.points.inverse), self._sigma)
         value = self.points.inverse - self.points.rays @ q
-        near = np.abs(value) < FRAME_GATE_PX * self.points.sigma
-        mostly = np.bincount(self._index[near], minlength=len(self.counts)) > 0.5 * self.counts
-        used = near | ~mostly[self._index]
-        return Rays(self._rays, self._medians(np.where(used, value, np.inf)) + self._rays @ q, self._sigma)
+        is_near = np.abs(value) < FRAME_GATE_PX * self.points.sigma
+        n_near = np.bincount(self._index[is_near], minlength=len(self.counts))
+        shows_plane = n_near > 0.5 * self.counts
+        is_used = is_near | ~shows_plane[self._index]
+        medians = self._medians(np.where(is_used, value, np.inf))
+        return Rays(self._rays, medians + self._rays @ q, self._sigma)
 
     def _medians(self, value: F64) -> F64:
         """(N,) upper median of the finite values of each cell."""
         table = self._rows.copy()
         table.ravel()[self._place] = value
         table.sort(axis=1)
-        return np.asarray(table[np.arange(len(table)), np.isfinite(table).sum(axis=1) // 2])
+        middle = np.isfinite(table).sum(axis=1) // 2
+        return np.asarray(table[np.arange(len(table)), middle])
 
 
 def fit_plane(points: Rays, q: F64) -> Plane | None:
@@ -194,30 +201,30 @@ def fit_plane(points: Rays, q: F64) -> Plane | None:
     weights = np.zeros(len(points))
     scale = np.nan
     for _ in range(25):
-        r = points.residuals(q)
-        off = np.abs(r)
-        near = off < width
-        if near.sum() < 3:
+        residuals = points.residuals(q)
+        distances = np.abs(residuals)
+        is_near = distances < width
+        if is_near.sum() < 3:
             return None
         # Feet, furniture and walls are all nearer than the floor: only the far side shows the noise.
-        far = r[near & (r <= 0)]
+        far = residuals[is_near & (residuals <= 0)]
         scale = float(MAD_TO_SIGMA * np.median(-far)) if len(far) else 0.0
         width = min(INLIER_SIGMAS, max(TUKEY_C * scale, MIN_WIDTH))
-        weights = np.where(off < width, (1.0 - (r / width) ** 2) ** 2, 0.0)
+        weights = np.where(distances < width, (1.0 - (residuals / width) ** 2) ** 2, 0.0)
         weighted = points.rays * (weights / points.sigma**2)[:, None]
         normal_matrix = weighted.T @ points.rays
         if not np.isfinite(normal_matrix).all() or np.linalg.cond(normal_matrix) > 1e12:
             return None
-        solved = np.asarray(np.linalg.solve(normal_matrix, weighted.T @ points.inverse))
-        done = np.abs(points.rays[near] @ (solved - q) / points.sigma[near]).max() < 1e-4
-        q = solved
-        if done:
+        previous = q
+        q = np.asarray(np.linalg.solve(normal_matrix, weighted.T @ points.inverse))
+        changes = points.rays[is_near] @ (q - previous) / points.sigma[is_near]
+        if np.abs(changes).max() < 1e-4:
             break
-    used = weights > 0
-    w = weights[used] / points.sigma[used] ** 2
-    rays = points.rays[used]
-    scores = rays * (w * (points.inverse[used] - rays @ q))[:, None]
-    inverse_information = np.asarray(np.linalg.pinv((rays * w[:, None]).T @ rays))
+    is_used = weights > 0
+    rays = points.rays[is_used]
+    weights = weights[is_used] / points.sigma[is_used] ** 2
+    scores = rays * (weights * (points.inverse[is_used] - rays @ q))[:, None]
+    inverse_information = np.asarray(np.linalg.pinv((rays * weights[:, None]).T @ rays))
     return Plane(q, scale, sandwich(inverse_information, scores, rays[:, :2]))
 
 
@@ -313,15 +320,18 @@ class Moved:
 
     def objection(self, plane: Plane, params: FloorParams) -> str:
         """Why what moves speaks against a plane as the floor; empty where it does not."""
-        heights_m = self.points @ plane.normal + plane.distance_m
-        high = float(np.mean(heights_m > PEOPLE_M)) if len(heights_m) >= MIN_MOVED else 0.0
-        if high > MAX_HIGH_FRACTION:
-            return f"{high:.0%} of what moves is higher than people above it"
-        is_wall = self.floor_to_wall(plane, params) < -DECISIVE
-        return "what moves does not stand on it but lies along it" if is_wall else ""
+        if len(self.points) >= MIN_MOVED:
+            heights_m = self.points @ plane.normal + plane.distance_m
+            high = float(np.mean(heights_m > PEOPLE_M))
+            if high > MAX_HIGH_FRACTION:
+                return f"{high:.0%} of what moves is higher than people above it"
+        if self.floor_to_wall(plane, params) < -DECISIVE:
+            return "what moves does not stand on it but lies along it"
+        return ""
 
     def floor_to_wall(self, plane: Plane, params: FloorParams) -> float:
-        """Log-likelihood ratio of a plane as the floor to it as a wall, from what moves taken as one look.
+        """Log-likelihood ratio of a plane as the floor to the plane as a wall, from what moves, taken as one
+        observation.
 
         A wall seen straight on looks like a floor from above, but people stand along it, and walk towards it and away.
         Each reading has its own vertical. People are long along the true one and stay at one height along it; each
@@ -332,11 +342,11 @@ class Moved:
             return math.inf
         if len(self.weights) < MIN_PATCHES:
             return 0.0
-        standing = np.abs(self.axes @ plane.normal) > UPRIGHT_COS
-        lying = np.abs(self.axes @ vertical) > UPRIGHT_COS
-        stands = float(self.weights @ standing - self.weights @ lying)
-        steady_m2 = self._variance_m2(vertical) - self._variance_m2(plane.normal)
-        return math.log(STANDING_ODDS) * stands + steady_m2 / (2.0 * MIDDLES_STD_M**2)
+        is_standing = np.abs(self.axes @ plane.normal) > UPRIGHT_COS
+        is_lying = np.abs(self.axes @ vertical) > UPRIGHT_COS
+        standing_share = float(self.weights @ is_standing - self.weights @ is_lying)
+        excess_m2 = self._variance_m2(vertical) - self._variance_m2(plane.normal)
+        return math.log(STANDING_ODDS) * standing_share + excess_m2 / (2.0 * MIDDLES_STD_M**2)
 
     def _variance_m2(self, direction: F64) -> float:
         """Variance of the middles of the patches along a direction [m^2]."""
@@ -350,8 +360,10 @@ def long_axis(points: F64) -> F64:
     variances, axes = np.linalg.eigh(np.cov(points.T))
     # Extents of an even spread with these variances.
     breadth_m, length_m = np.sqrt(12.0 * np.maximum(variances[1:], 0.0))
-    of_person = PERSON_LENGTH_M[0] < length_m < PERSON_LENGTH_M[1] and breadth_m > PERSON_BREADTH_M
-    return np.asarray(axes[:, 2]) if of_person and length_m > ELONGATED * breadth_m else np.full(3, np.nan)
+    is_person = PERSON_LENGTH_M[0] < length_m < PERSON_LENGTH_M[1] and breadth_m > PERSON_BREADTH_M
+    if not is_person or length_m <= ELONGATED * breadth_m:
+        return np.full(3, np.nan)
+    return np.asarray(axes[:, 2])
 
 
 def vertical_of_wall(plane: Plane, params: FloorParams) -> F64 | None:
@@ -366,22 +378,25 @@ def vertical_of_wall(plane: Plane, params: FloorParams) -> F64 | None:
 
 
 def judge(plane: Plane, view: Rays, cells: Cells, moved: Moved, params: FloorParams) -> Candidate:
-    """What speaks for and against a plane as the floor: the cells of the view, their medians against the plane, and
-    what moves."""
+    """Judge a plane as the floor by the cells of the view, their medians against the plane, and what moves."""
     residuals = view.residuals(plane.q)
     share = cells.counts / cells.counts.sum()
     on = float(share[np.abs(residuals) < INLIER_SIGMAS].sum())
     # Further beneath the plane than noise and a warped calibration explain.
-    depth_m = np.where(view.inverse > 0, (view.rays @ plane.q) / np.maximum(view.inverse, 1e-6) - 1.0, 0.0)
-    beneath = (depth_m * plane.distance_m > BELOW_MARGIN_M) & (residuals < -INLIER_SIGMAS)
-    below = float(share[beneath].sum())
-    above = float(share[(residuals > INLIER_SIGMAS) & (residuals < 2 * INLIER_SIGMAS)].sum())
-    distance = np.abs(cells.points.residuals(plane.q))
+    plane_inverse = view.rays @ plane.q
+    depth = np.where(view.inverse > 0, plane_inverse / np.maximum(view.inverse, 1e-6) - 1.0, 0.0)
+    is_beneath = (depth * plane.distance_m > BELOW_MARGIN_M) & (residuals < -INLIER_SIGMAS)
+    below = float(share[is_beneath].sum())
+    is_above = (residuals > INLIER_SIGMAS) & (residuals < 2 * INLIER_SIGMAS)
+    above = float(share[is_above].sum())
     # Where the plane is near enough to be seen: what a level camera sees of its floor is below the horizon.
     far = float(np.quantile(view.inverse, 1 - SEEN_QUANTILE))
-    within = max(float(share[view.rays @ plane.q > far].sum()), on)
+    within = max(float(share[plane_inverse > far].sum()), on)
     # How points crowd on the plane before any median: share of those near it that are within half that distance.
-    sharpness = float((distance < FRAME_GATE_PX / 2).sum() / max((distance < FRAME_GATE_PX).sum(), 1))
+    distance = np.abs(cells.points.residuals(plane.q))
+    n_near = (distance < FRAME_GATE_PX).sum()
+    n_close = (distance < FRAME_GATE_PX / 2).sum()
+    sharpness = float(n_close / max(n_near, 1))
     refused = out_of_place(plane, params)
     if not refused and on < MIN_INLIER_FRACTION:
         refused = f"{on:.1%} of the depth lies on it (at least {MIN_INLIER_FRACTION:.0%} needed)"
@@ -391,18 +406,21 @@ def judge(plane: Plane, view: Rays, cells: Cells, moved: Moved, params: FloorPar
         refused = "it only cuts through a surface that is not flat"
     if not refused:
         refused = moved.objection(plane, params)
-    near = np.maximum(1.0 - (residuals / INLIER_SIGMAS) ** 2, 0.0)
-    return Candidate(plane, on, below, float(share @ near) / max(within, 1e-9), refused)
+    nearness = np.maximum(1.0 - (residuals / INLIER_SIGMAS) ** 2, 0.0)
+    closeness = float(share @ nearness) / max(within, 1e-9)
+    return Candidate(plane, on, below, closeness, refused)
 
 
 def in_place(q: F64, params: FloorParams) -> Bool:
-    """(N,) which of the planes of (N, 3) q a camera can be above."""
+    """(N,) mask of the planes of (N, 3) q that a camera can be above."""
     height = 1.0 / np.linalg.norm(q, axis=1)
     x, y, z = (-q * height[:, None]).T
     tilt = np.degrees(np.arctan2(-y, -z))
     roll = np.degrees(np.arcsin(np.clip(x, -1.0, 1.0)))
-    upright = (params.min_tilt_deg <= tilt) & (tilt <= params.max_tilt_deg) & (np.abs(roll) <= params.max_roll_deg)
-    return np.asarray(upright & (params.min_height_m <= height) & (height <= params.max_height_m))
+    is_tilt = (params.min_tilt_deg <= tilt) & (tilt <= params.max_tilt_deg)
+    is_roll = np.abs(roll) <= params.max_roll_deg
+    is_height = (params.min_height_m <= height) & (height <= params.max_height_m)
+    return np.asarray(is_tilt & is_roll & is_height)
 
 
 def out_of_place(plane: Plane, params: FloorParams) -> str:
@@ -429,14 +447,20 @@ def choose_floor(candidates: Sequence[Candidate], params: FloorParams) -> Candid
     A camera near the horizontal sees the wall in front as a camera leaning backwards sees its floor. Where both
     readings are open the upright camera is the likelier, so a plane that asks for leaning back gives way.
     """
-    possible = [c for c in candidates if not c.refused]
+    possible = [candidate for candidate in candidates if not candidate.refused]
     if not possible:
         return None
-    upright = [c for c in possible if math.degrees(c.plane.tilt_rad) > LEANING_DEG] or possible
-    likeliest = max(upright, key=lambda c: _log_likelihood(c, candidates))
+    upright = [candidate for candidate in possible if math.degrees(candidate.plane.tilt_rad) > LEANING_DEG]
+    upright = upright or possible
+    likeliest = max(upright, key=lambda candidate: _log_likelihood(candidate, candidates))
     enough = likeliest.inlier_fraction * params.max_below_fraction / (1.0 - params.max_below_fraction)
-    parallel = [c for c in upright if float(c.plane.normal @ likeliest.plane.normal) > LEAST_COS]
-    return max((c for c in parallel if c.inlier_fraction >= enough), key=lambda c: c.plane.distance_m)
+    lowest = likeliest
+    for candidate in upright:
+        is_parallel = float(candidate.plane.normal @ likeliest.plane.normal) > LEAST_COS
+        is_lower = candidate.plane.distance_m > lowest.plane.distance_m
+        if is_parallel and is_lower and candidate.inlier_fraction >= enough:
+            lowest = candidate
+    return lowest
 
 
 def doubt(chosen: Candidate, candidates: Sequence[Candidate], moved: Moved, params: FloorParams) -> str:
@@ -447,56 +471,71 @@ def doubt(chosen: Candidate, candidates: Sequence[Candidate], moved: Moved, para
     """
     if moved.floor_to_wall(chosen.plane, params) > 0.0:
         return ""
-    of_level = _is_level(chosen.plane)
+    is_level = _is_level(chosen.plane)
     rivals_m = []
     for other in candidates:
-        ambiguous = vertical_of_wall(other.plane, params) is not None
-        if ambiguous and not other.refused and _is_level(other.plane) != of_level:
+        is_ambiguous = vertical_of_wall(other.plane, params) is not None
+        if is_ambiguous and not other.refused and _is_level(other.plane) != is_level:
             rivals_m.append(other.plane.distance_m)
-    if of_level and not rivals_m:
+    if is_level and not rivals_m:
         return ""
-    what = "a wall next to a camera that looks straight down" if of_level else "a wall in front of a level camera"
-    text = f"{what} would look the same, and nothing moved that shows which it is"
-    return f"{text}: another plane would be the floor {min(rivals_m):.2f} m below such a camera" if rivals_m else text
+    wall = "a wall next to a camera that looks straight down" if is_level else "a wall in front of a level camera"
+    text = f"{wall} would look the same, and nothing moved that shows which it is"
+    if not rivals_m:
+        return text
+    return f"{text}: another plane would be the floor {min(rivals_m):.2f} m below such a camera"
 
 
 def _is_level(plane: Plane) -> bool:
-    """Whether a camera above a plane looks ahead rather than down."""
+    """True if a camera above a plane looks ahead rather than down."""
     return plane.tilt_rad > math.radians(45.0)
 
 
-def _log_likelihood(c: Candidate, candidates: Sequence[Candidate]) -> float:
-    level = min(max(math.sin(c.plane.tilt_rad), 0.0), 1.0)
+def _log_likelihood(candidate: Candidate, candidates: Sequence[Candidate]) -> float:
+    plane = candidate.plane
+    level = min(max(math.sin(plane.tilt_rad), 0.0), 1.0)
     down_m, level_m = MOUNT_M
     down_spread, level_spread = MOUNT_SPREAD
     spread = down_spread + level * (level_spread - down_spread)
-    off = (math.log(c.plane.distance_m / down_m) - level * math.log(level_m / down_m)) / spread
-    opposite = [other for other in candidates if float(other.plane.normal @ c.plane.normal) < -LEAST_COS]
-    heights = [c.plane.distance_m + other.plane.distance_m for other in opposite]
-    ceiling = any(CEILING_M[0] <= height <= CEILING_M[1] for height in heights)
-    prior = math.log(CEILING_ODDS) * ceiling - math.log(spread) - 0.5 * off * off
-    return math.log(c.closeness) - c.below_fraction / c.inlier_fraction + prior
+    off = (math.log(plane.distance_m / down_m) - level * math.log(level_m / down_m)) / spread
+    ceiling = math.log(CEILING_ODDS) if _has_ceiling(plane, candidates) else 0.0
+    prior = ceiling - math.log(spread) - 0.5 * off * off
+    return math.log(candidate.closeness) - candidate.below_fraction / candidate.inlier_fraction + prior
 
 
-def nothing_found(candidates: Sequence[Candidate], n_frames: int) -> str:
+def _has_ceiling(plane: Plane, candidates: Sequence[Candidate]) -> bool:
+    """True if another plane would be the ceiling of a room with this floor."""
+    for other in candidates:
+        is_opposite = float(other.plane.normal @ plane.normal) < -LEAST_COS
+        height_m = plane.distance_m + other.plane.distance_m
+        if is_opposite and CEILING_M[0] <= height_m <= CEILING_M[1]:
+            return True
+    return False
+
+
+def refusal(candidates: Sequence[Candidate], n_frames: int) -> str:
     """Why none of the planes is the floor: the plane most like one, what spoke against it, and how to accept it."""
     if not candidates:
         least = f"{0.5 * MIN_INLIER_FRACTION:.1%} of the valid depth"
         return f"no floor found in {n_frames} frames: no plane holds even {least}"
-    # What a camera could stand above comes first, whatever else speaks against it.
-    best = max(
-        candidates, key=lambda c: (not c.refused.startswith("a wall"), "moves" not in c.refused, c.inlier_fraction)
-    )
+
+    def likeness(candidate: Candidate) -> tuple[bool, bool, float]:
+        # What a camera could stand above comes first, whatever else speaks against it.
+        is_wall = candidate.refused.startswith("a wall")
+        return not is_wall, "moves" not in candidate.refused, candidate.inlier_fraction
+
+    best = max(candidates, key=likeness)
     plane = best.plane
     tilt = math.degrees(plane.tilt_rad)
     roll = math.degrees(plane.roll_rad)
-    named = [
+    reasons = [
         f"best plane, {plane.distance_m:.2f} m from the camera at tilt {tilt:.1f} and roll {roll:.1f} degrees with "
         f"{best.inlier_fraction:.0%} of the depth, refused: {best.refused}"
     ]
-    largest = sorted(candidates, key=lambda c: -c.inlier_fraction)[:3]
-    named += [f"plane with {c.inlier_fraction:.0%} of the depth: {c.refused}" for c in largest if c is not best]
-    text = f"no floor found in {n_frames} frames ({'; '.join(named)})"
+    for other in sorted(candidates, key=lambda candidate: -candidate.inlier_fraction)[:3]:
+        if other is not best:
+            reasons.append(f"plane with {other.inlier_fraction:.0%} of the depth: {other.refused}")
+    text = f"no floor found in {n_frames} frames ({'; '.join(reasons)})"
     if abs(roll) > 60 or not -30 < tilt < 120:
         return text
     pose = ", ".join(world_from_plane(plane.normal, plane.distance_m).toml(digits=7))
