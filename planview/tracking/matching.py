@@ -9,9 +9,13 @@ from calib.types import F64
 
 def best_pairs(gains: F64) -> dict[int, int]:
     """Columns of rows, each at most once, by the largest sum of (N, M) gains; none where a gain is not above 0."""
-    from scipy.optimize import linear_sum_assignment  # half a second
+    if len(gains) == 1 <= gains.size:
+        rows = np.zeros(1, np.int64)
+        columns = gains.argmax(axis=1)
+    else:
+        from scipy.optimize import linear_sum_assignment  # half a second, and newcomers mostly come alone
 
-    rows, columns = linear_sum_assignment(gains, maximize=True)
+        rows, columns = linear_sum_assignment(gains, maximize=True)
     return {int(i): int(k) for i, k in zip(rows, columns, strict=True) if gains[i, k] > 0.0}
 
 

@@ -120,28 +120,23 @@ class Births(Carried):
         return born
 
     def _fresh_points(self, frame: Explanation, owners: Sequence[Owners]) -> FreshPoints:
-        """Points of all views."""
+        """The pixels of all views that have not been tried at the range that they have now."""
         points = []
         cameras = []
         pixels = []
-        for k, in_view in enumerate(owners):
-            which, view_points = self._fresh_in_view(k, frame, in_view)
-            points.append(view_points)
-            cameras.append(np.full(len(which), k))
-            pixels.append(in_view.pixels[which])
-        return FreshPoints(np.hstack(points), np.hstack(cameras), np.hstack(pixels))
-
-    def _fresh_in_view(self, k: int, frame: Explanation, owners: Owners) -> tuple[I64, F32]:
-        """Indices of the pixels of view k that have not been tried at the range that they have now, and (5, M) points
-        there."""
-        n = len(owners.pixels)
-        which = np.empty(n, np.int64)
-        points = np.empty((5, n), np.float32)
         changed = body.SURFACE_STD_M, CHANGED
-        n = find_fresh(
-            owners.pixels, owners.lacking, owners.colours, frame.arrays[k], self._tried_m[k], changed, which, points
-        )
-        return which[:n], points[:, :n]
+        for k, in_view in enumerate(owners):
+            n = len(in_view.pixels)
+            which = np.empty(n, np.int64)
+            out = np.empty((5, n), np.float32)
+            view = frame.arrays[k]
+            n = find_fresh(
+                in_view.pixels, in_view.lacking, in_view.colours, view, self._tried_m[k], changed, which, out
+            )
+            points.append(out[:, :n])
+            cameras.append(np.full(n, k))
+            pixels.append(in_view.pixels[which[:n]])
+        return FreshPoints(np.hstack(points), np.hstack(cameras), np.hstack(pixels))
 
 
 def _map_gains(points: F32, low_m: F64) -> F32 | None:

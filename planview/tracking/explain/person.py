@@ -125,7 +125,6 @@ class Glimpse(NamedTuple):
         inside_share: share of the body inside the image.
         patches: of the body in view.
         head_in_view: the top of the head is inside of an image.
-        shape: log-likelihood ratio of a person's shape to a thing's.
         shared_std_m: deviation of the place by the error of disparity that all pixels share [m].
     """
 
@@ -135,7 +134,6 @@ class Glimpse(NamedTuple):
     inside_share: float = 1.0
     patches: float = 0.0
     head_in_view: bool = False
-    shape: float = 0.0
     shared_std_m: float = 0.0
 
     @staticmethod
@@ -175,8 +173,8 @@ class Proof:
     upright_density: float = 0.0
     spent: dict[int, U8] = field(default_factory=dict)
 
-    def count(self, shown: Sequence[tuple[View, I64, F32]], glimpse: Glimpse) -> None:
-        """Add the evidence of pixels that have not been evidence before.
+    def count(self, shown: Sequence[tuple[View, I64, F32]], glimpse: Glimpse) -> float:
+        """Add the evidence of pixels that have not been evidence before; return the share of the body that is new.
 
         A wrong pixel that stays the same is one error, however often it is seen: an observation is as independent
         of those before it as the share of the body that is new. The first frame adds nothing: the search for the person
@@ -203,7 +201,7 @@ class Proof:
             spent |= fresh
         new_share = min(new_patches / max(glimpse.patches, 1.0), 1.0)
         self.log_odds += new_share * max(glimpse.evidence, 0.0)
-        self.shape += new_share * glimpse.shape
+        return new_share
 
     def count_height(self, height_m: float, glimpse: Glimpse, low_share: float) -> None:
         """Add a height by how much of the body shows: a single frame may show somebody else behind a thing."""

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from calib.floor_camera import FloorCamera
-from calib.types import F32, F64, U8
+from calib.types import F32, F64, U8, Bool
 from planview.maps.view import View
 from planview.tracking import body
 from planview.tracking.base import DecisionKind, Drawing, Needs, Observation, TrackerDebug, person_boxes
@@ -90,14 +90,15 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             for person in self._people:
                 person.blind_s += dt_s
         ratios = colour_ratios([person.identity.clothes for person in self._people])
-        if self._people:
-            self._explain(frame, side_by_side(self._people, ratios), dt_s)
+        people = side_by_side(self._people, ratios)
+        shared = frame.share_rays(people.poses)
+        samples = self._explain(frame, people, shared, dt_s)
 
         # Whose the pixels are. They show who is a person, and what each of them wears.
         owners = frame.assign_pixels(side_by_side(self._people, ratios))
         self._shown = [(view.kind.shape, in_view) for view, in_view in zip(views, owners, strict=True)]
         if not damaged:
-            self._count_evidence(views, owners)
+            self._count_evidence(views, owners, samples, people, shared)
         self._learn_clothes(frame, owners, dt_s)
 
         # Who has left, who is new, and who of these was here before.
@@ -113,9 +114,13 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             self._coloured_s = self._life.now_s
         return frame.coloured or self._life.now_s - self._coloured_s < COLOURLESS_S
 
-    def _explain(self, frame: Explanation, people: People, dt_s: float) -> None:
-        """Move everybody to where they explain best, and weigh the frame's evidence on each person's existence."""
-        shared = frame.share_rays(people.poses)
+    def _explain(self, frame: Explanation, people: People, shared: Bool, dt_s: float) -> Samples:
+        """Move everybody to where they explain best, and weigh the frame's evidence on each person's existence; return
+        the samples around each.
+
+        Args:
+            shared: (N, N) who may be on a ray of whom.
+        """
         samples, fits = self._ascend(frame, people, shared)
         upright: list[tuple[Person, F64]] = []
         for i, person in enumerate(self._people):
@@ -129,20 +134,16 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
                 if both < 0.0 and alone[2] > people.poses[rival, 2] + body.HEIGHT_STD_M:
                     upright.append((self._people[rival], alone))
             person.glimpse = _glimpse(frame, person, pose, evidence, fits.patches[i])
-            visible = self._is_visible(person)
-            if visible and not person.confirmed:
-                own = samples.person(i)
-                own.lay_others(people, neighbours)
-                person.glimpse = person.glimpse._replace(shape=own.against_thing(pose, people.statures[i]))
             self._measure(person, samples.person(i), pose, fits.curvature[i], fits.by_facing[i], dt_s)
             at_border = person.glimpse.inside_share < INSIDE
             stays_s = body.LEAVE_S if at_border else self.params.stay_s
             self._weigh(person, dt_s, stays_s)
-            if visible:
+            if self._is_visible(person):
                 self._count_signs(person, alone=len(neighbours) == 0)
             self._note_match(person, [self._people[k] for k in neighbours])
         for person, pose in upright:  # one upright body explains more than a low one and another
             person.move_to(*pose[:3].tolist())
+        return samples
 
     def _count_signs(self, person: Person, alone: bool) -> None:
         """Count movement and height as evidence for a person and against a thing; next to somebody what moves may be a
@@ -215,16 +216,22 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         both = second + samples.log_ratio(pose, stature, ratios) + prior
         return both - one, alone
 
-    def _count_evidence(self, views: Sequence[View], owners: Sequence[Owners]) -> None:
-        """Add the pixels of each newcomer to the evidence that it is a person."""
+    def _count_evidence(
+        self, views: Sequence[View], owners: Sequence[Owners], samples: Samples, people: People, shared: Bool
+    ) -> None:
+        """Add the pixels of each newcomer to the evidence that it is a person and no thing."""
         for i, person in enumerate(self._people):
             if person.confirmed:
                 continue
             pixels = []
             for view, in_view in zip(views, owners, strict=True):
-                own = in_view.owner == i
-                pixels.append((view, in_view.pixels[own], in_view.patches[own]))
-            person.proof.count(pixels, person.glimpse)
+                mine = in_view.owner == i
+                pixels.append((view, in_view.pixels[mine], in_view.patches[mine]))
+            new_share = person.proof.count(pixels, person.glimpse)
+            if new_share and self._is_visible(person):  # a thing that stands shows nothing new
+                own = samples.person(i)
+                own.lay_others(people, np.flatnonzero(shared[i]))
+                person.proof.shape += new_share * own.against_thing(people.poses[i], people.statures[i])
 
     def _learn_clothes(self, frame: Explanation, owners: Sequence[Owners], dt_s: float) -> None:
         """Learn the colours of people who stand apart; without colours, people who touch may be exchanged, which

@@ -168,11 +168,11 @@ def test_points_of_a_surface_are_fresh_until_they_are_tried_and_again_when_it_mo
     frame, births = explained(seen), Births(PARAMS)
     (owned,) = frame.assign_pixels(people_of())
     births.prepare([seen])
-    which, points = births._fresh_in_view(0, frame, owned)
-    np.testing.assert_array_equal(which, np.arange(len(owned.pixels)))
+    points, _, pixels = births._fresh_points(frame, [owned])
+    np.testing.assert_array_equal(pixels, owned.pixels)
     plain_points = seen.rays.centre_m + (seen.range_m[..., None] * towards(seen.rays)).reshape(-1, 3)[owned.pixels]
     np.testing.assert_allclose(points[:3].T, plain_points, atol=1e-4)
     np.testing.assert_array_equal(points[3:], [owned.lacking, owned.colours])
     births._tried_m[0][:] = seen.range_m
     births._tried_m[0].reshape(-1)[owned.pixels[0]] -= 5.0
-    assert births._fresh_in_view(0, frame, owned)[0].tolist() == [0]
+    assert births._fresh_points(frame, [owned]).pixels.tolist() == [owned.pixels[0]]
