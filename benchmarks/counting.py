@@ -143,7 +143,7 @@ class Scorer:
         recording = rendered(scene, name, self.cache, self.n_frames)
         progress(f"tracking {name} with {self.tracker}")
         engine = open_engine(recording, self.tracker, self.config, recording / "camera.toml")
-        tracks = run(engine, out=self.out / name, overwrite=True, quiet=True)
+        tracks = run(engine, out=self.out / name, overwrite=True)
         truth = read_truth(recording / "truth.csv")
         n_frames = self.n_frames or engine.recording.n_frames
         rules = rules_on(RulePlane(engine.camera))

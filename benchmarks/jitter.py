@@ -52,11 +52,11 @@ def _spread(folder: Path, runs: int) -> Row:
     with tempfile.TemporaryDirectory() as scratch:
         out = Path(scratch)
         engine = bench_engine(folder, "joint", load_config(None, (), base_config(folder)))
-        scores.append(_score(run(engine, out=out, maps=True, quiet=True), truth))
+        scores.append(_score(run(engine, out=out, maps=True), truth))
         for seed in range(runs):
             progress(f"{folder.name}: change {seed + 1} of {runs}")
             changed = _change(out / "maps.h5", seed)
-            scores.append(_score(run(changed, quiet=True), truth))
+            scores.append(_score(run(changed), truth))
     return {
         "recording": folder.name,
         "people": _range([score["tracked_people"] for score in scores], "g"),

@@ -27,7 +27,8 @@ from planview.evaluation.result import KINDS, Evaluation, pool
 from planview.evaluation.significant import poisson_upper
 from planview.output.folder import finished_run
 from planview.output.resume import code_version, key_of
-from planview.output.run import RunOptions, run
+from planview.output.run import run
+from planview.output.run_spec import RunSpec
 from planview.studies.workers import on_workers, workers
 from stereo.readers import OpenOptions
 
@@ -75,7 +76,7 @@ def run_pass(job: Pass) -> Path:
     shutil.rmtree(job.folder, ignore_errors=True)
     with whole_folder(job.folder) as part:
         engine = bench_engine(job.recording, job.tracker, job.config)
-        run(engine, part, RunOptions())
+        run(engine, RunSpec(part))
     return job.folder
 
 

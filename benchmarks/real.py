@@ -96,7 +96,7 @@ def score_recording(folder: Path, tracker: str, settings: Sequence[str]) -> Row:
     """Track a recording and score the tracks in the frames that are judged."""
     truth = truth_of(folder)
     engine = bench_engine(folder, tracker, load_config(None, settings, base_config(folder)))
-    tracks = run(engine, quiet=True)
+    tracks = run(engine)
     judged = np.unique(truth.frame)
     if (folder / "truth.csv").is_file():  # frames without a row are empty
         judged = np.arange(max(engine.recording.n_frames, int(judged.max()) + 1))

@@ -69,7 +69,7 @@ def speed(
         raise InputError(f"{recording}: no such file or folder")
     if start:
         return tables(start=start_rows(recording))
-    engine = bench_engine(recording, tracker, load_config(set=set), camera)
+    engine = bench_engine(recording, tracker, load_config(overrides=set), camera)
     decoded = list(islice(engine.recording, SETTLED_FRAMES + frames))
     if len(decoded) < 2:
         raise WorkError(f"{recording}: expected at least 2 frames, found {len(decoded)}")

@@ -4,9 +4,8 @@ from calib.errors import InputError as InputError
 from calib.errors import WorkError as WorkError
 from calib.pose import SE3 as SE3
 from planview.api import calibrate as calibrate
-from planview.api.check import RecordingChecks as RecordingChecks
-from planview.api.check import RecordingContents as RecordingContents
 from planview.api.check import check as check
+from planview.api.result import Result as Result
 from planview.api.results import plot as plot
 from planview.api.results import render as render
 from planview.api.results import report as report

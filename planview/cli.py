@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import os
 import re
@@ -9,7 +10,7 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
@@ -23,38 +24,23 @@ if TYPE_CHECKING:
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads of small matrices wait for each other on a busy machine
 COMMANDS = {
-    "Start here": {
-        "demo": ("run", "Track the clip that comes with the package and print its scores."),
-        "check": ("check", "Check a recording and its calibration: can I trust them?"),
-        "run": ("run", "Track people in a recording."),
-    },
+    "Start here": {"demo": "run", "check": "check", "run": "run"},
     "Results": {
-        "report": ("results", "Write the report of a run, and print what differs between several."),
-        "view": ("results", "Open a run in the rerun viewer."),
-        "render": ("results", "Draw a run as a video or a picture."),
-        "plot": ("results", "Plot paths on the floor, speeds and counts of one or several runs."),
-        "replay": ("run", "Track a run again with a parameter changed, and compare a frame."),
-        "edit": ("tracks", "Join, split, delete and rename tracks; edits can be undone."),
-        "refine": ("tracks", "Join fragments and smooth paths, knowing the whole recording."),
-        "count": ("scores", "Count line crossings and zone occupancy in tracks."),
-        "evaluate": ("scores", "Score tracks against truth."),
-        "export": ("tracks", "Write tracks in the format of another program."),
+        "report": "results",
+        "view": "results",
+        "render": "results",
+        "plot": "results",
+        "replay": "run",
+        "edit": "tracks",
+        "refine": "tracks",
+        "count": "scores",
+        "evaluate": "scores",
+        "export": "tracks",
     },
-    "Tools": {
-        "params": ("tools", "List the parameters of a run, with defaults and meaning."),
-        "synth": ("tools", "Render a recording with exact truth from a TOML scene."),
-        "sweep": ("sweep", "Run several settings or recordings and compare them."),
-    },
+    "Tools": {"params": "tools", "synth": "tools", "sweep": "sweep"},
 }
-"""By group of the help: the module of ``planview.commands`` with a command, and its line in the listing."""
-CALIBRATE = {
-    "align": ("calibrate", "Find how stereo sensors stand to each other, from people who walk."),
-    "board": ("calibrate", "Calibrate a stereo rig from chessboard or ChArUco images."),
-    "convert": ("calibrate", "Convert a calibration from one format to another."),
-    "floor": ("calibrate_pose", "Find the floor in a stereo recording."),
-    "human": ("calibrate_pose", "Calibrate one camera from standing people."),
-    "ui": ("calibrate", "Calibrate in the browser."),
-}
+"""By group of the help: the module of ``planview.commands`` with a command."""
+CALIBRATE = ("align", "board", "convert", "floor", "human", "ui")
 USAGE = {
     "run": "run RECORDING [RIGHT] --out FOLDER [OPTIONS]",
     "check": "check RECORDING [RIGHT] [OPTIONS]",
@@ -81,15 +67,17 @@ def make_app(words: Sequence[str] = ()) -> App:
     )
     groups = {name: Group(name, sort_key=place) for place, name in enumerate([*COMMANDS, "Calibration"])}
     groups |= {"Tools": Group("Tools", sort_key=len(groups))}
+    is_listing = not words or words[0] in ("--help", "-h", "calibrate", "completion")
+    lines: dict[str, str] = first_lines("planview.api", "planview.commands") if is_listing else {}
     for group, commands in COMMANDS.items():
-        for name, (module, text) in commands.items():
-            _register(app, f"planview.commands.{module}:{name}", name, text, words, groups[group])
+        for name, module in commands.items():
+            _register(app, f"planview.commands.{module}:{name}", name, lines, words, groups[group])
     calibrate = App(name="calibrate", help="Find and convert calibrations.", group=groups["Calibration"])
-    for name, (module, text) in CALIBRATE.items():
-        _register(calibrate, f"planview.commands.{module}:calibrate_{name}", name, text, words)
+    for name in CALIBRATE:
+        _register(calibrate, f"planview.commands.calibrate:calibrate_{name}", name, lines, words)
     app.command(calibrate)
-    text = "Print a script that completes commands and options in a shell."
-    _register(app, "planview.cli:completion", "completion", text, words, groups["Tools"])
+    lines = {"completion": (completion.__doc__ or "").partition("\n")[0]}
+    _register(app, "planview.cli:completion", "completion", lines, words, groups["Tools"])
     return app
 
 
@@ -101,9 +89,23 @@ def completion(shell: Literal["bash", "zsh", "fish"], /) -> None:
     print(make_app().generate_completion(prog_name="planview", shell=shell))
 
 
-def _register(app: App, target: str, name: str, text: str, words: Sequence[str], group: Group | None = None) -> None:
+def first_lines(*packages: str) -> dict[str, str]:
+    """The first line of the docstring of every function in packages, whose modules are not imported."""
+    lines: dict[str, str] = {}
+    for package in packages:
+        for file in Path(str(import_module(package).__file__)).parent.glob("*.py"):
+            for node in ast.parse(file.read_text(encoding="utf-8")).body:
+                doc = ast.get_docstring(node) if isinstance(node, ast.FunctionDef) else None
+                if doc and isinstance(node, ast.FunctionDef):
+                    lines.setdefault(node.name, doc.partition("\n")[0])
+    return lines
+
+
+def _register(
+    app: App, target: str, name: str, lines: Mapping[str, str], words: Sequence[str], group: Group | None = None
+) -> None:
     # Only the help of a command itself needs its docstring: with a text of its own the module is not imported.
-    shown = _help_of(target) if name in words and {"--help", "-h"} & set(words) else {"help": text}
+    shown = _help_of(target) if name in words and {"--help", "-h"} & set(words) else {"help": lines.get(name, "")}
     if name in USAGE:
         shown["usage"] = f"Usage: planview {USAGE[name]}"
     app.command(target, name=name, group=group, **shown)
@@ -153,9 +155,7 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | N
         _refuse_empty(words)
         (make or make_app)(words)(words, exit_on_error=False, print_error=False)
     except (InputError, WorkError) as error:
-        from planview.commands.options import typed
-
-        _fail(typed(error), 2 if isinstance(error, InputError) else 1)
+        _fail(str(error), 2 if isinstance(error, InputError) else 1)
     except KeyboardInterrupt:
         _fail("interrupted", 130)
     except BrokenPipeError:

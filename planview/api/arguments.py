@@ -53,14 +53,14 @@ def frame_span(frames: Frames) -> tuple[int, int]:
     return first, last
 
 
-def settings(config: Settings | None, set_: Sequence[str] = (), base: Config | None = None) -> Config:
-    """Parameters from the argument ``config``, then those of ``set``, over the base. Raises InputError: an unreadable
-    file, an unknown name, or a value out of range, by name."""
+def settings(config: Settings | None, overrides: Sequence[str] = (), base: Config | None = None) -> Config:
+    """Parameters of a configuration over the base, then changed one by one. Raises InputError: an unreadable file, an
+    unknown name, or a value out of range, by name."""
     if config is None or isinstance(config, Path | str):
-        return load_config(config, set_, base)
+        return load_config(config, overrides, base)
     if not isinstance(config, Config):
         config = config_of(config, argument="config", base=base)
-    return load_config(None, set_, config)
+    return load_config(None, overrides, config)
 
 
 def opening(

@@ -2,39 +2,39 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from rich.progress import Progress
 
 from calib.errors import InputError, WorkError
-from calib.floor.find import floor_from_points
 from calib.floor_camera import FloorPinhole
 from calib.ground_camera import LENS_K_320, save_ground_camera
-from calib.images import as_colour, write_image
+from calib.images import write_image
 from calib.io import parse_size
 from calib.people.calibration import HumanCalibration, calibrate_from_people
 from calib.people.model import KnownValues
-from calib.people.samples import HumanSample, read_image_size, read_samples, refuse_bad_samples, write_samples
+from calib.people.samples import read_image_size, read_samples, refuse_bad_samples, write_samples
 from calib.rig import Floor
-from calib.types import F64, U8
 from calib.world import load_world, save_world
 from planview.api.arguments import Settings, in_range, one_of, path_of, settings
-from planview.api.calibrate_pair import Calibrated
-from planview.calibration.floor import AXIS_COLOUR, GRID_COLOUR, FloorDepths, draw_grid, floor_from_tracks
-from planview.calibration.people import COMPUTED, collect_samples, crowd, draw_person, draw_samples, floor_around
-from planview.drawing.style import Entry, as_bgr, with_legend
+from planview.api.result import Result
+from planview.calibration.floor import FloorDepths, floor_from_tracks, parse_points
+from planview.calibration.people import collect_samples, people_picture
 from planview.engine.setup import floor_search
 from planview.output.folder import writing
-from planview.output.progress import PlainConsole
 from planview.output.run_folder import RunFolder
+from planview.progress import Progress, unseen
 from planview.trajectories.table import read_tracks
 from stereo.readers import OpenOptions, open_any
 from stereo.readers.open import open_video
 from stereo.recording import DepthCamera, Recording, SingleCamera, StereoPair
+
+log = logging.getLogger(__name__)
 
 
 def floor(
@@ -48,16 +48,16 @@ def floor(
     frames: int | None = None,
     picture: Path | str | None = None,
     config: Settings | None = None,
-    set: Sequence[str] = (),
-    quiet: bool = False,
-) -> Calibrated[Floor]:
-    """Find the floor in a recording as a run does; print it, and write world.toml with --out or --save.
+    overrides: Sequence[str] = (),
+) -> Result[Floor]:
+    """Find the floor in a stereo recording.
 
-    Example: planview calibrate floor my_recording --out floor/world.toml
+    It is found as a run does, or given by hand; ``out`` or ``save`` write it as world.toml.
 
-    Example, for every later run on the recording: planview calibrate floor my_recording --save
-
-    Example, floor given by hand: planview calibrate floor my_recording --points 120,400 500,420 320,250
+    ```python
+    print(planview.calibrate.floor("my_recording", save=True))  # for every later run on the recording
+    planview.calibrate.floor("my_recording", points=["120,400", "500,420", "320,250"]).value.height_m
+    ```
 
     Args:
         recording: Folder with left/ and right/ images or videos and a calibration, or images with depth.
@@ -71,8 +71,7 @@ def floor(
         frames: How many frames to look at, spread over the recording; analysis.setup_frames when not given.
         picture: Picture of a metric grid on the floor; next to world.toml, with .png, when not given.
         config: TOML file with the parameters of a run: analysis.setup_frames and tables rectify, sgbm, range, floor.
-        set: One parameter, e.g. ``set`` foreground.learning_rate=0.002; can be repeated.
-        quiet: Show no progress.
+        overrides: One parameter, e.g. foreground.learning_rate=0.002; can be repeated.
 
     Raises:
         InputError: a recording that cannot be read, or arguments that exclude each other.
@@ -82,24 +81,22 @@ def floor(
         raise InputError("points and tracks cannot be combined")
     if out and save:
         raise InputError("out and save cannot be combined")
-    search = floor_search(settings(config, set))
+    search = floor_search(settings(config, overrides))
     if frames is not None:
         in_range("frames", frames, 1, 1000)
         search = search.model_copy(update={"frames": frames})
     given = parse_points(points) if points else None
     path = Path(recording)
     opened = open_any(path, OpenOptions(path_of(calibration)))
-    with PlainConsole(stderr=True, quiet=quiet).status(f"Looking at {search.frames} frames"):
-        view = FloorDepths(opened, search)
-        if given is not None:
-            places, are_pixels = given
-            places = view.points_at(places) if are_pixels else places
-            found = floor_from_points(places, "points=", view.depth_std_m(places) if are_pixels else None)
-        elif tracks is not None:
-            file = Path(tracks) / "tracks.csv" if Path(tracks).is_dir() else Path(tracks)
-            found = floor_from_tracks(opened, view, read_tracks(file), _floor_of_run(opened, file), file)
-        else:
-            found = view.find()
+    log.debug("looking at %d frames", search.frames)
+    view = FloorDepths(opened, search)
+    if given is not None:
+        found = view.floor_at(given)
+    elif tracks is not None:
+        file = Path(tracks) / "tracks.csv" if Path(tracks).is_dir() else Path(tracks)
+        found = floor_from_tracks(opened, view, read_tracks(file), _floor_of_run(opened, file), file)
+    else:
+        found = view.find()
     target = (path if path.is_dir() else path.parent) / "world.toml" if save else path_of(out)
     image = path_of(picture) or (target and target.with_suffix(".png"))
     files = list(filter(None, (target, image)))
@@ -109,37 +106,8 @@ def floor(
             if file == target:
                 save_world(found, file)
             else:
-                write_image(file, with_legend(view.picture(found), _LEGEND))
-    return Calibrated(found, files)
-
-
-def parse_points(texts: Sequence[str]) -> tuple[F64, bool]:
-    """Points as typed: ``u,v`` in pixels of the rectified left image or ``x,y,z`` in metres. Raises InputError: not
-    numbers, or of both kinds.
-
-    Returns:
-        (N, 2) or (N, 3) float64, and whether they are pixels.
-    """
-    rows = []
-    for text in texts:
-        try:
-            row = [float(part) for part in text.replace(";", ",").split(",")]
-        except ValueError:
-            row = []
-        if len(row) not in (2, 3) or not all(math.isfinite(v) for v in row):
-            raise InputError(f"expected u,v in pixels or x,y,z in metres, found {text!r}", argument="points")
-        rows.append(row)
-    if len({len(row) for row in rows}) != 1:
-        raise InputError("some points are in pixels and some in metres", argument="points")
-    if len(rows) < 3:
-        raise InputError(f"expected three or more, found {len(rows)}", argument="points")
-    return np.array(rows), len(rows[0]) == 2
-
-
-_LEGEND = [
-    Entry(as_bgr(GRID_COLOUR), "a line per metre of floor"),
-    Entry(as_bgr(AXIS_COLOUR), "x and y, 1 m from below the camera"),
-]
+                write_image(file, view.picture(found))
+    return Result(found, _floor_text(found), _floor_values(found, target, image), files=files)
 
 
 def _floor_of_run(recording: Recording[StereoPair | DepthCamera], tracks: Path) -> Floor:
@@ -154,6 +122,36 @@ def _floor_of_run(recording: Recording[StereoPair | DepthCamera], tracks: Path) 
         run = tracks.with_name("run.json")
         raise InputError(f"{run}: no run.json or world.toml gives the floor of that run")
     return Floor(camera.world_SE3_camera)
+
+
+def _floor_text(floor: Floor) -> str:
+    text = (
+        f"camera {floor.height_m:.3f} m above the floor, tilt {math.degrees(floor.tilt_rad):.2f} and roll "
+        f"{math.degrees(floor.roll_rad):.2f} degrees"
+    )
+    if math.isfinite(floor.inlier_fraction):
+        text += f"; {floor.inlier_fraction:.0%} of the depth lies on it"
+    if math.isfinite(floor.residual_m):
+        text += f", {1000 * floor.residual_m:.0f} mm rms from it"
+    if floor.covariance is not None:
+        height, *angles = np.sqrt(floor.covariance.diagonal()).tolist()
+        text += f"; height known to {100 * height:.1f} cm, angles to {math.degrees(max(angles)):.2f} degrees"
+    return text
+
+
+def _floor_values(floor: Floor, target: Path | None, image: Path | None) -> dict[str, Any]:
+    fit = {name: getattr(floor, name) for name in ("inlier_fraction", "residual_m")}
+    values: dict[str, Any] = {
+        "height_m": floor.height_m,
+        "tilt_deg": math.degrees(floor.tilt_rad),
+        "roll_deg": math.degrees(floor.roll_rad),
+        **{name: value if math.isfinite(value) else None for name, value in fit.items()},
+    }
+    if floor.covariance is not None:
+        height, tilt, roll = np.sqrt(floor.covariance.diagonal()).tolist()
+        values |= {"height_std_m": height, "tilt_std_deg": math.degrees(tilt), "roll_std_deg": math.degrees(roll)}
+    files = {name: path and str(path) for name, path in (("world", target), ("picture", image))}
+    return {**values, "extent_m": floor.extent_m, **files}
 
 
 def human(
@@ -171,13 +169,16 @@ def human(
     count: int = 50,
     rough: bool = False,
     fps: float | None = None,
-    quiet: bool = False,
-) -> Calibrated[HumanCalibration]:
-    """Calibrate one camera from standing people: height, tilt and focal length, written to camera.toml.
+    progress: Progress = unseen,
+) -> Result[HumanCalibration]:
+    """Calibrate one camera from standing people.
 
-    Example: planview calibrate human samples.csv --image-size 640x480 --lens normal-wide --out camera.toml
+    Height, tilt and focal length are written to camera.toml.
 
-    Example, from people who walk by: planview calibrate human street.mp4 --auto --lens normal
+    ```python
+    camera = planview.calibrate.human("street.mp4", auto=True, lens="normal").value.camera
+    planview.calibrate.human("samples.csv", image_size="640x480", lens="normal-wide", out="camera.toml")
+    ```
 
     Args:
         samples: CSV with columns left_px,top_px,width_px,height_px,head_x_px,head_y_px,foot_x_px,foot_y_px (and frame),
@@ -199,10 +200,10 @@ def human(
         count: How many samples ``auto`` takes.
         rough: Write a camera that is not known well enough, too, instead of failing.
         fps: Frames per second, where times are missing or wrong.
-        quiet: Show no progress.
+        progress: Called after every frame of a video.
 
     Returns:
-        The camera with the deviation of every value, and the files.
+        The camera with the deviation of every value.
 
     Raises:
         InputError: samples or a video that cannot be read, or values that exclude each other.
@@ -220,19 +221,14 @@ def human(
     source = path if auto else path_of(frames)
     video = open_video(source, OpenOptions(fps=fps)) if source else None
     size = _size(image_size, video, None if auto else read_image_size(path), path)
-    console = PlainConsole(stderr=True, soft_wrap=True, highlight=False, quiet=quiet)
+    independent = None
     if auto and video is not None:
-        console.print(f"following people through {video.n_frames} frames of {path}")
-        with Progress(console=console, transient=True) as progress:
-            task = progress.add_task("Following people", total=video.n_frames)
-            collected = collect_samples(video, count, done=lambda: progress.advance(task))
-        taken = collected.samples
-        independent = collected.independent
+        log.info("following people through %d frames of %s", video.n_frames, path)
+        taken, independent = collect_samples(video, count, progress)
     else:
-        taken = read_samples(path)
-        independent = None
+        taken = tuple(read_samples(path))
     refuse_bad_samples(taken, size, str(path))
-    console.print(f"fitting a camera to {len(taken)} sightings of people: half a minute for 50")
+    log.info("fitting a camera to %d sightings of people: half a minute for 50", len(taken))
     found = calibrate_from_people(taken, size, lens, known=known, independent=independent, name=str(path))
     if not (found.assessment.enough or rough):
         raise WorkError(f"{path}: {found.assessment.sentence}; the camera was not written", remedy="rough=True")
@@ -240,10 +236,10 @@ def human(
     with writing(file):
         file.parent.mkdir(parents=True, exist_ok=True)
         save_ground_camera(found.camera, file)
-        write_image(picture, _picture(found, taken, video))
+        write_image(picture, people_picture(found, taken, video))
         if auto:
             write_samples(taken, file.with_suffix(".samples.json"), found.camera.size)
-    return Calibrated(found, [file, picture])
+    return Result(found, _camera_text(found), _camera_values(found, file), files=[file, picture])
 
 
 def _in_arguments(problem: str) -> str:
@@ -269,31 +265,47 @@ def _size(
     return width, height
 
 
-def _picture(found: HumanCalibration, samples: Sequence[HumanSample], video: Recording[SingleCamera] | None) -> U8:
-    """Given and computed features next to people all over the floor (figure 6)."""
+def _camera_text(found: HumanCalibration) -> str:
     camera = found.camera
-    image = _background(camera.size, samples, video)
-    given = draw_samples(image, camera, found.model, samples)
-    crowded = draw_grid(image, camera.project, floor_around(camera, samples) or (-5.0, -5.0, 5.0, 5.0))
-    for xy in crowd(camera, found.model):
-        draw_person(crowded, camera, found.model, xy, COMPUTED)
-    return np.hstack([given, crowded])
+    std = found.std
+    lines = [
+        f"camera {camera.height_m:.2f} m (+-{std.height * camera.height_m:.2f}) above the floor, tilt "
+        f"{math.degrees(camera.tilt_rad):.1f} (+-{math.degrees(std.tilt_rad):.1f}) degrees, roll "
+        f"{math.degrees(camera.roll_rad):.1f} (+-{math.degrees(std.roll_rad):.1f}), focal length {camera.focal_px:.0f} "
+        f"(+-{std.focal * camera.focal_px:.0f}) px, lens {camera.lens}; error {found.error:.3f} over "
+        f"{len(found.sample_errors)} samples, search {found.search_s:.2f} s"
+    ]
+    if found.odd:
+        lines.append(f"samples that fit badly, look at them again: {', '.join(str(i + 1) for i in found.odd)}")
+    if found.boxes_only:
+        lines.append("heads and feet are the middles of the boxes' edges: the focal length rests on the lens class")
+    return "\n".join([*lines, found.assessment.sentence])
 
 
-def _background(size: tuple[int, int], samples: Sequence[HumanSample], video: Recording[SingleCamera] | None) -> U8:
-    """The frame of the first sample with the other samples' people pasted in, or plain grey without a video."""
-    canvas: U8 = np.full((size[1], size[0], 3), 60, dtype=np.uint8)
-    if video is None:
-        return canvas
-    by_frame = {s.frame: s for s in samples if s.frame >= 0}
-    for frame in video:
-        image = as_colour(frame.image)
-        if frame.index == 0:
-            canvas = image.copy()
-        if sample := by_frame.get(frame.index):
-            left, top, width, height = (round(v) for v in sample.box_px)
-            part = np.s_[max(0, top - 4) : top + height + 4, max(0, left - 4) : left + width + 4]
-            canvas[part] = image[part]
-        if frame.index >= max(by_frame, default=0):
-            break
-    return canvas
+def _camera_values(found: HumanCalibration, out: Path) -> dict[str, Any]:
+    camera = found.camera
+    std = found.std
+    verdict = found.assessment
+    following = verdict.next_sample
+    return {
+        "height_m": camera.height_m,
+        "tilt_deg": math.degrees(camera.tilt_rad),
+        "roll_deg": math.degrees(camera.roll_rad),
+        "focal_px": camera.focal_px,
+        "lens": camera.lens,
+        "error": found.error,
+        "height_std_m": std.height * camera.height_m,
+        "tilt_std_deg": math.degrees(std.tilt_rad),
+        "focal_std_px": std.focal * camera.focal_px,
+        "roll_std_deg": math.degrees(std.roll_rad),
+        "enough": verdict.enough,
+        "floor_error_m": round(verdict.floor_error_m, 3) if math.isfinite(verdict.floor_error_m) else None,
+        "verdict": verdict.sentence,
+        "next_sample_px": None if following is None else [round(v, 1) for v in following.foot_px],
+        "odd_samples": [i + 1 for i in found.odd],
+        "sample_errors": [round(float(e), 4) for e in found.sample_errors],
+        "samples": len(found.sample_errors),
+        "boxes_only": found.boxes_only,
+        "search_s": round(found.search_s, 3),
+        "camera": str(out),
+    }

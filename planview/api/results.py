@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import warnings
+import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, cast, get_args
 
-from rich.console import RenderableType
-from rich.progress import track
-from rich.table import Table
-
-from calib.errors import InputError, WorkError
+from calib.errors import InputError
 from planview.api.arguments import Frames, frame_span, in_range, one_of, path_of, table_of
+from planview.api.result import Result, aligned
 from planview.output.plot import PANELS, NamedTracks, Panel, figure_of, floor_picture, save_figure
-from planview.output.progress import PlainConsole, as_text
 from planview.output.report.page import differing_settings, write_report
 from planview.output.run_folder import RunFolder
+from planview.progress import Progress, unseen
 from planview.trajectories.formats import load_tracks, load_truth, tracks_file, truth_file
 from planview.trajectories.plot import Colouring
 from planview.trajectories.table import Trajectories
@@ -26,40 +22,22 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-
-@dataclass(frozen=True)
-class Reports:
-    """Pages that were written, and the settings in which several runs differ; printed, a table of these.
-
-    Attributes:
-        settings: name of a setting and its value in each run, as text.
-    """
-
-    files: tuple[Path, ...]
-    settings: tuple[tuple[str, list[str]], ...] = ()
-
-    def __repr__(self) -> str:
-        return as_text(self)
-
-    def __rich__(self) -> RenderableType:
-        if len(self.files) < 2:
-            return str(self.files[0])
-        table = Table("setting", *(str(file.parent) for file in self.files), box=None, pad_edge=False)
-        for name, values in self.settings:
-            table.add_row(name, *values)
-        return table if self.settings else "the same settings"
+log = logging.getLogger(__name__)
 
 
-def report(*folders: Path | str, truth: Path | str | None = None) -> Reports:
-    """Write report.html of runs again; of several, also print the settings in which they differ.
+def report(*folders: Path | str, truth: Path | str | None = None) -> Result[list[Path]]:
+    """Write the report of a run, and compare the settings of several.
 
-    Example: planview report out
-
-    Example of two runs and what differs between them: planview report out/narrow out/wide
+    ```python
+    print(planview.report("out/narrow", "out/wide"))  # the settings in which they differ
+    ```
 
     Args:
         folders: Output folders of runs.
         truth: True people; truth.csv of each recording when not given.
+
+    Returns:
+        The pages, report.html in each folder.
 
     Raises:
         InputError: no tracks.csv, or a file that cannot be read.
@@ -70,8 +48,15 @@ def report(*folders: Path | str, truth: Path | str | None = None) -> Reports:
     paths = [Path(folder) for folder in folders]
     for file in filter(Path.is_file, paths):
         raise InputError(f"{file}: a file; report takes the folder of a run")
-    files = tuple(write_report(path, truth=path_of(truth)) for path in paths)
-    return Reports(files, tuple(differing_settings([RunFolder(path).info for path in paths]) if len(paths) > 1 else ()))
+    pages = [write_report(path, truth=path_of(truth)) for path in paths]
+    if len(paths) == 1:
+        return Result(pages, files=pages)
+    differing = differing_settings([RunFolder(path).info for path in paths])
+    rows = [{"setting": name} | dict(zip(map(str, paths), values, strict=True)) for name, values in differing]
+    text = "the same settings"
+    if differing:
+        text = aligned([("setting", *map(str, paths)), *((name, *values) for name, values in differing)])
+    return Result(pages, text, rows=rows, files=pages)
 
 
 def plot(
@@ -81,16 +66,12 @@ def plot(
     colour: Colouring = "id",
     what: Sequence[Panel] = (),
 ) -> Figure:
-    """Plot where people walked, how fast, and how many there were, of one run or of several.
+    """Plot paths on the floor, speeds and counts of one or several runs.
 
-    Example: planview plot out
-
-    Example with the true paths, as vector graphics: planview plot out --truth recording/truth.csv --out paths.svg
-
-    Example of the mean density and flow of people over a picture of the floor:
-        planview plot out --what density --what flow --out flow.png
-
-    Example of two runs over each other: planview plot out/narrow out/wide --out both.png
+    ```python
+    planview.plot("out", truth="my_recording", out="paths.svg")
+    planview.plot(tracks, what=["density", "flow"])  # over a picture of the floor
+    ```
 
     Args:
         runs: Folders of runs, their tracks.csv, or trajectories in a format of planview export.
@@ -148,15 +129,17 @@ def render(
     truth: Path | str | None = None,
     no_truth: bool = False,
     no_plan: bool = False,
-    quiet: bool = False,
+    progress: Progress = unseen,
 ) -> Path:
-    """Draw a run: boxes, ids, trails, a metre grid on the floor, the floor from above, and what was counted.
+    """Draw a run as a video or a picture.
 
-    The images are read from the recording again; if it is gone, only the floor is shown.
+    It shows boxes, ids, trails, a metre grid on the floor, the floor from above, and what was counted. The images are
+    read from the recording again; if it is gone, only the floor is shown.
 
-    Example: planview render out --out out.webm
-
-    Example of a picture: planview render out --frame 120 --out still.png
+    ```python
+    planview.render("out", out="out.webm")
+    planview.render("out", frame=120, out="still.png")
+    ```
 
     Args:
         folder: Output folder of a run.
@@ -169,7 +152,7 @@ def render(
         truth: True people to mark. [default: truth.csv of the recording]
         no_truth: Do not mark the true people.
         no_plan: Leave out the floor from above.
-        quiet: Show no progress.
+        progress: Called after every frame.
 
     Returns:
         The video or picture.
@@ -184,26 +167,13 @@ def render(
     path = path_of(out)
     if frame is None and path is not None and path.suffix.lower() in (".png", ".jpg", ".jpeg"):
         raise InputError(f"{path} is one picture: say of which frame", remedy="frame")
-    # The engine's parts take half a second.
-    from planview.output.render import SceneComposer, frames_or_none, scene_pictures_of, write_still, write_video
+    from planview.output.render import SceneComposer, render_frame, render_frames  # the engine takes half a second
 
     results = RunFolder(folder, path_of(truth))
-    opened = frames_or_none(results, warnings.warn)
     composer = SceneComposer(results, trail, plan=not no_plan, truth=not no_truth)
-    end = results.n_frames - 1
     if frame is not None:
-        path = path or folder / f"frame-{frame}.png"
-        in_range("frame", frame, 0, end)
-        write_still(composer, opened, frame, path)
-        return path
-    path = path or folder / "scene.webm"
-    first, last = (0, end) if frames is None else frame_span(frames)
-    if first > end:
-        raise InputError(f"{folder}: expected frames from {first} on, found {end + 1}")
-    last = min(last, end)
-    pictures = scene_pictures_of(composer, opened, first, last, every)
-    total = len(range(first, last + 1, every))
-    shown = track(pictures, "drawing", total, console=PlainConsole(stderr=True, quiet=quiet))
-    if not write_video(path, min(240.0, 1.0 / results.clock.frame_s), shown):
-        raise WorkError(f"{path}: none of the frames {first} to {last} can be read")
-    return path
+        in_range("frame", frame, 0, results.n_frames - 1)
+        return render_frame(composer, results, frame, path or folder / f"frame-{frame}.png")
+    first, last = (0, results.n_frames) if frames is None else frame_span(frames)
+    log.debug("drawing")
+    return render_frames(composer, results, range(first, last + 1, every), path or folder / "scene.webm", progress)

@@ -56,17 +56,16 @@ def evaluate(
     frames: Frames | None = None,
     fps: float | None = None,
 ) -> Evaluation:
-    """Score tracks against truth: CLEAR, IDF1, HOTA, position errors and significant errors.
+    """Score tracks against truth.
 
-    With two folders, recordings are paired by name, scored one by one, then all together.
+    The scores are CLEAR, IDF1, HOTA, position errors and significant errors. With two folders, recordings are paired by
+    name, scored one by one, then all together.
 
-    Example: planview evaluate out
-
-    Example of another truth: planview evaluate out/tracks.csv recording/truth.csv --json
-
-    Example on PETS: planview evaluate out/tracks.csv gt.txt --gate 1 --align --frames 0:399
-
-    Example on MOTChallenge: planview evaluate trackers/mine gt --boxes --fps 25
+    ```python
+    scores = planview.evaluate("out")
+    print(scores.mota, scores.to_json()["idf1"])
+    planview.evaluate(tracks, "gt.txt", gate=1, align=True, frames="0:399")
+    ```
 
     Args:
         tracks: tracks.csv of a run, the folder of the run, trajectories in a format of planview export, or a folder of
@@ -213,15 +212,14 @@ def count(
     fps: float | None = None,
     out: Path | str | None = None,
 ) -> DataFrame:
-    """Count line crossings, zone occupancy and queues in tracks; write events.csv and counts.json.
+    """Count line crossings and zone occupancy in tracks.
 
-    Example: planview count out/tracks.csv --rules rules.toml --json
+    Writes events.csv and counts.json.
 
-    Example of rules.toml:
-        [[tripwire]]
-        name = "door"
-        from_m = [0, 2]
-        to_m = [1, 2]
+    ```python
+    totals = planview.count("out", "rules.toml")
+    crossed = planview.count(tracks, planview.load_rules("rules.toml", run="out"))
+    ```
 
     Args:
         tracks: tracks.csv of a run, the folder of the run, or trajectories in a format of planview export.

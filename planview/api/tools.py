@@ -2,49 +2,50 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Iterator
 from fnmatch import fnmatch
-from functools import partial, reduce
+from functools import reduce
 from importlib import import_module
 from pathlib import Path
 from pkgutil import walk_packages
-from typing import TYPE_CHECKING, NamedTuple
-
-from rich.progress import Progress
+from typing import TYPE_CHECKING
 
 from calib.errors import InputError
 from calib.params import LARGEST, Described, Params, described, tables_of
 from planview.api.arguments import in_range
+from planview.api.result import Result
 from planview.engine.config import Config
-from planview.output.progress import PlainConsole
+from planview.progress import Progress, unseen
 
 if TYPE_CHECKING:
     from planview.synthetic.write import Storage
 
+log = logging.getLogger(__name__)
 
-def params(pattern: str = "", *, all: bool = False) -> list[Described]:
-    """List the parameters of a run, with default, range and meaning; of one alone, also its reason and source.
 
-    Example: planview params
+def params(pattern: str = "", *, everything: bool = False) -> list[Described]:
+    """List the parameters of a run.
 
-    Example of those about the floor: planview params floor
+    Each has its default, range and meaning; of one alone, also its reason and source.
 
-    Example of one: planview params joint.stay_s
-
-    Example of what a scene of planview synth may hold: planview params --all synthetic.scene
+    ```python
+    planview.params("joint.stay_s")[0].meaning
+    planview.params("synthetic.scene", everything=True)  # what a scene may hold
+    ```
 
     Args:
         pattern: Part of a name or of its meaning, or a name with * and ?.
-        all: Also parameters of evaluation, counting, calibration, studies and rendered scenes, under their class in
-            Python.
+        everything: Also parameters of evaluation, counting, calibration, studies and rendered scenes, under their
+            class in Python.
 
     Raises:
         InputError: no parameter has the pattern in its name or meaning.
     """
     defaults = Config()
     tables = [(name, described(cls, inside(defaults, name))) for name, cls in tables_of(Config)]
-    tables += [(name, described(cls)) for name, cls in _other_tables()] if all else []
+    tables += [(name, described(cls)) for name, cls in _other_tables()] if everything else []
     every = [field._replace(name=f"{table}.{field.name}".lstrip(".")) for table, fields in tables for field in fields]
     found = [field for field in every if field.name == pattern] or [f for f in every if _matches(f, pattern)]
     if not found:
@@ -82,14 +83,6 @@ def _matches(field: Described, pattern: str) -> bool:
     return pattern.lower() in f"{field.name} {field.meaning}".lower()
 
 
-class Rendered(NamedTuple):
-    """What was written of a scene."""
-
-    frames: int
-    truth_rows: int
-    folder: Path
-
-
 def synth(
     scene: Path | str,
     out: Path | str,
@@ -101,14 +94,16 @@ def synth(
     jpeg: bool = False,
     opencv: bool = False,
     world: bool = False,
-    quiet: bool = False,
-) -> Rendered:
-    """Render a recording with calibration and exact truth from a TOML scene.
+    progress: Progress = unseen,
+) -> Result[Path]:
+    """Render a recording with exact truth from a TOML scene.
 
     A scene with [[mount]] tables in the place of [rig] (name, start_s, rig) gives a folder for each sensor and
     rigs.toml with their true poses and clocks.
 
-    Example: planview synth data/synthetic/crossing.toml /tmp/crossing --frames 150
+    ```python
+    planview.synth("data/synthetic/crossing.toml", "crossing", frames=150)
+    ```
 
     Args:
         scene: TOML file of the scene.
@@ -120,36 +115,27 @@ def synth(
         jpeg: Write JPEG instead of PNG images.
         opencv: Also write intrinsics.yml and extrinsics.yml.
         world: Also write world.toml, so that the floor need not be found.
-        quiet: Show no progress.
+        progress: Called after every frame.
+
+    Returns:
+        The folder of the recording.
 
     Raises:
         InputError: a scene that cannot be read, or a folder in use.
     """
-    path = Path(out)
     if video and jpeg:
         raise InputError("video and jpeg cannot be combined")
     if frames is not None:
         in_range("frames", frames, 1, 1_000_000)
     in_range("scale", scale, 0.05, 4)
-    if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise InputError(f"{path}: in use; name a new or empty folder for the recording")
-    from planview.synthetic.render import SceneRenderer
-    from planview.synthetic.scene import load_scene
-    from planview.synthetic.write import load_rig_scenes, with_seed, write_recording, write_rigs
+    from planview.synthetic.write import render_scene  # the renderer takes half a second
 
+    folder = Path(out)
     storage: Storage = "video" if video else "jpg" if jpeg else "png"
-    sensors = load_rig_scenes(Path(scene))
-    if sensors and (opencv or world):
-        raise InputError("opencv and world are for one sensor: of several, rigs.toml is always written")
-    if sensors:
-        written = [*write_rigs(with_seed(sensors, seed), path, scale=scale, frames=frames, storage=storage)]
-    else:
-        description = load_scene(Path(scene))
-        description = description if seed is None else description.model_copy(update={"seed": seed})
-        renderer = SceneRenderer(description, scale)
-        with Progress(console=PlainConsole(stderr=True, quiet=quiet), transient=True) as progress:
-            total = min(renderer.n_frames, frames or renderer.n_frames)
-            done = partial(progress.advance, progress.add_task(f"Rendering {Path(scene).name}", total=total))
-            extra = {"opencv": opencv, "world": world}
-            written = [write_recording(renderer, path, frames=frames, storage=storage, done=done, **extra)]
-    return Rendered(sum(part.frames for part in written), sum(part.truth_rows for part in written), path)
+    log.debug("rendering %s", Path(scene).name)
+    written = render_scene(
+        Path(scene), folder, frames=frames, scale=scale, seed=seed, storage=storage, opencv=opencv, world=world,
+        progress=progress,
+    )  # fmt: skip
+    text = f"{written.frames} frames, {written.truth_rows} truth rows in {folder}"
+    return Result(folder, text, {"frames": written.frames, "truth_rows": written.truth_rows, "folder": str(folder)})

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import logging
 import re
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal
 
 from calib.errors import InputError
-from calib.io import read_text
-from planview.api.arguments import one_of, opening, path_of, table_of
+from planview.api.arguments import one_of, opening, table_of
+from planview.api.result import Result, plural
 from planview.offline.refine import Refined
-from planview.output.finished import EditedRun, edit_run, refine_run, undo_edits
+from planview.output.finished import EditedRun, edit_run, read_edits, refine_run, undo_edits
 from planview.output.run_folder import RunFolder
 from planview.trajectories.file import TrajectoryFile, limit, region_of, warn_of
 from planview.trajectories.formats import FORMATS, ExportName, load_file, prepare_export, tracks_file, write_file
@@ -24,11 +25,13 @@ from planview.trajectories.table import Trajectories, people_of
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+log = logging.getLogger(__name__)
+
 
 def edit(
-    out: Path | str,
+    folder: Path | str,
     *,
-    list: Path | str | None = None,
+    file: Path | str | None = None,
     join: Sequence[str] = (),
     split: Sequence[str] = (),
     delete: Sequence[str] = (),
@@ -39,22 +42,22 @@ def edit(
     shorter: float | None = None,
     undo: bool = False,
     undo_all: bool = False,
-) -> EditedRun:
-    """Join, split, delete and rename tracks of a finished run, one by one or by rule; every edit can be undone.
+) -> Result[EditedRun]:
+    """Join, split, delete and rename tracks; edits can be undone.
 
-    edits.json lists what was done, and tracks_before.csv keeps the tracks without any edit. Counts are not updated: run
-    planview count again. What is done follows the order of these options; ``list`` keeps the order of its lines, and
-    comes first.
+    The tracks are those of a finished run. edits.json lists what was done, and tracks_before.csv keeps the tracks
+    without any edit. Counts are not updated: count again. What is done follows the order of these arguments; ``file``
+    keeps the order of its lines, and comes first.
 
-    Example: planview edit out --join 3:7 --split 5@120 --delete 9
-
-    Example by rule: planview edit out --join-gaps 2:0.6 --shorter 1 --ignore "POLYGON ((0 0, 2 0, 2 1, 0 1))"
-
-    Example: planview edit out --undo
+    ```python
+    planview.edit("out", join=["3:7"], split=["5@120"], delete=["9"])
+    planview.edit("out", join_gaps="2:0.6", shorter=1, ignore="POLYGON ((0 0, 2 0, 2 1, 0 1))")
+    planview.edit("out", undo=True)
+    ```
 
     Args:
-        out: Folder of a finished run.
-        list: File with an edit per line: "join 3 7", "split 5 120", "delete 9", "delete 9 100 200", "rename 4 12",
+        folder: Folder of a finished run.
+        file: File with an edit per line: "join 3 7", "split 5 120", "delete 9", "delete 9 100 200", "rename 4 12",
             "shorter 1.0", "join-gaps 2.0 0.6", "region POLYGON ((...))", "ignore POLYGON ((...))"; # begins a comment.
         join: A:B makes track B part of track A.
         split: ID@FRAME gives a track a new id from the frame on.
@@ -71,9 +74,10 @@ def edit(
     Raises:
         InputError: no finished run in the folder, another process writes there, or an edit that cannot be applied.
     """
-    lines = _listed(path_of(list))
+    folder = Path(folder)
+    lines = [] if file is None else read_edits(Path(file))
     for kind, edits in {"join": join, "split": split, "delete": delete, "rename": rename}.items():
-        lines += [_by_id(kind, edit) for edit in edits]
+        lines += [_by_id(kind, str(edit)) for edit in edits]
     for kind, text in {"region": region, "ignore": ignore}.items():
         lines += [f"{kind} {region_of(text, f'{kind}=').wkt}"] if text is not None else []
     lines += [f"join-gaps {join_gaps.replace(':', ' ')}"] if join_gaps is not None else []
@@ -82,7 +86,13 @@ def edit(
         raise InputError("edits, undo and undo-all cannot be combined")
     if not (undo or undo_all or lines):
         raise InputError("expected an edit, e.g. a track to delete, found none")
-    return undo_edits(Path(out), everything=undo_all) if undo or undo_all else edit_run(Path(out), lines)
+    done = undo_edits(folder, everything=undo_all) if undo or undo_all else edit_run(folder, lines)
+    tracks = folder / "tracks.csv"
+    people = f"people {done.people_before} -> {done.people}"
+    rows = f"rows {done.rows_before:,} -> {done.rows:,}"
+    return Result(
+        done, f"{tracks}: {people}, {rows}; {done.steps or 'nothing'} left to undo", done._asdict(), files=[tracks]
+    )
 
 
 _BY_ID = {
@@ -96,26 +106,23 @@ _BY_ID = {
 
 def _by_id(kind: str, edit: str) -> str:
     form, pattern = _BY_ID[kind]
-    if not re.fullmatch(pattern, edit := str(edit)):
+    if not re.fullmatch(pattern, edit):
         raise InputError(f"expected {form}, found {edit!r}", argument=kind)
     return f"{kind} {re.sub('[:@]', ' ', edit)}"
 
 
-def _listed(file: Path | None) -> list[str]:
-    text = "" if file is None else read_text(file, "a list of edits")
-    return [line for row in text.splitlines() if (line := row.partition("#")[0].strip())]
+def refine(folder: Path | str) -> Result[Refined]:
+    """Join fragments and smooth paths, knowing the whole recording.
 
+    The tracks are those of a finished run. tracks_online.csv keeps them as they were; refinement.csv gives the reason
+    of every change. The refinement comes before edits, and can be undone as they can.
 
-def refine(out: Path | str) -> Refined:
-    """Improve the tracks of a finished run by the whole recording: fragments of one person are joined, paths smoothed.
-
-    tracks_online.csv keeps the tracks as they were; refinement.csv gives the reason of every change. planview edit
-    --undo takes the refinement back. It comes before edits.
-
-    Example: planview refine out
+    ```python
+    smooth = planview.refine("out").value.tracks
+    ```
 
     Args:
-        out: Folder of a finished run.
+        folder: Folder of a finished run.
 
     Returns:
         The tracks, and every change.
@@ -123,16 +130,13 @@ def refine(out: Path | str) -> Refined:
     Raises:
         InputError: no finished run in the folder, an edited one, or tracks without floor positions.
     """
-    return refine_run(Path(out))[0]
-
-
-class Exported(NamedTuple):
-    """What was written: rows of people, or points of a cloud."""
-
-    path: Path
-    rows: int
-    people: int = 0
-    fps: float = 0.0
+    folder = Path(folder)
+    refined, _ = refine_run(folder)
+    kinds = [change.kind for change in refined.changes]
+    counts = {"join": kinds.count("join"), "smooth": kinds.count("smooth")}
+    tracks = folder / "tracks.csv"
+    text = f"{tracks}: {plural(counts['join'], 'join')}, {plural(counts['smooth'], 'path')} smoothed"
+    return Result(refined, text, {"changes": counts, "rows": len(refined.tracks)}, files=[tracks])
 
 
 def export(
@@ -149,19 +153,18 @@ def export(
     overwrite: bool = False,
     cloud: Path | str | None = None,
     calibration: Path | str | None = None,
-) -> Exported:
-    """Write tracks in the format of another program: pedpy (PeTrack text), ped-data-archive (HDF5), jupedsim (sqlite),
-    motchallenge, parquet, csv or jsonl; or the scene they walk in.
+) -> Result[Path]:
+    """Write tracks in the format of another program.
 
-    Parquet, CSV and JSON lines hold every row with its state, the other formats confirmed rows only.
+    The formats are pedpy (PeTrack text), ped-data-archive (HDF5), jupedsim (sqlite), motchallenge, parquet, csv and
+    jsonl; or the scene they walk in is written, in metres on the axes of the tracks. Parquet, CSV and JSON lines hold
+    every row with its state, the other formats confirmed rows only.
 
-    Example: planview export out --to pedpy --out tracks.txt
-
-    Example of one room: planview export out --to csv --region "POLYGON ((0 0, 4 0, 4 3, 0 3, 0 0))"
-
-    Example of a stream: planview export out --to jsonl --out - | head
-
-    Example of the scene, in metres on the axes of the tracks: planview export out --cloud scene.ply
+    ```python
+    planview.export(tracks, "pedpy", out="tracks.txt")
+    planview.export("out", "csv", region="POLYGON ((0 0, 4 0, 4 3, 0 3, 0 0))")  # of one room
+    planview.export("out", cloud="scene.ply")
+    ```
 
     Args:
         tracks: Folder of a run, its tracks.csv, or trajectories in any of the formats; with ``cloud`` the folder of a
@@ -181,6 +184,9 @@ def export(
             tracks.
         calibration: Calibration of the recording, for ``cloud``, if it is not in it.
 
+    Returns:
+        The file.
+
     Raises:
         InputError: a file that cannot be read, one that is there already, or tracks that the format cannot hold.
         WorkError: the file cannot be written.
@@ -189,8 +195,12 @@ def export(
     if cloud is not None and to is None and source is not None:
         from planview.output.render import scene_of, write_cloud  # the engine's parts take half a second
 
-        _refuse_existing(Path(cloud), source, overwrite)
-        return Exported(Path(cloud), write_cloud(Path(cloud), scene_of(source, opening(calibration))))
+        path = Path(cloud)
+        _refuse_existing(path, source, overwrite)
+        log.debug("opening the recording, finding the floor, matching")
+        points = write_cloud(path, scene_of(source, opening(calibration)))
+        text = f"{path}: {points:,} points [m], origin on the floor below the camera, z up"
+        return Result(path, text, {"file": str(path), "points": points}, files=[path])
     if to is None or cloud is not None:
         raise InputError(f"expected a format ({', '.join(FORMATS)}), or a file for the cloud of a run", argument="to")
     one_of("to", to, FORMATS)
@@ -214,7 +224,10 @@ def export(
     path = Path(out) if out is not None else file.with_name(f"{file.stem}_{to}{FORMATS[to].suffix}")  # type: ignore[union-attr]
     rate = written.fps or 0.0
     people = people_of(found.table, 1.0 / rate if run is None else run.frame_s)
-    exported = Exported(path, len(written.table), len(people), rate)
+    n_rows = len(written.table)
+    values = {"file": str(path), "rows": n_rows, "people": len(people), "fps": rate}
+    text = f"{path}: {n_rows:,} rows of {len(people)} people, {rate:g} frames per second"
+    exported = Result(path, text, values, files=[path])
     if path == Path("-"):
         if to != "jsonl":
             raise InputError(f"only jsonl can be written to standard output, not {to}")

@@ -6,6 +6,7 @@ in question; the motion under which most of all people meet (RANSAC) is refined 
 
 from __future__ import annotations
 
+import logging
 import math
 import os
 from collections.abc import Sequence
@@ -20,7 +21,7 @@ from scipy.optimize import least_squares
 from calib.errors import InputError, WorkError
 from calib.pose import SE3
 from calib.types import F32, F64
-from calib.world import RigEntry
+from calib.world import RigEntry, save_rigs
 from planview.engine.config import Config
 from planview.engine.open import engine_of
 from planview.evaluation.align import AS_COMPLEX, fit_turn, floor_rotation
@@ -40,6 +41,7 @@ from planview.trajectories.table import Trajectories, TrajectoryCollector
 from stereo.depth import back_project, median_image
 from stereo.readers import OpenOptions, open_any
 
+log = logging.getLogger(__name__)
 PIECE_S = 6.0
 """Length of the pieces of paths that are laid over each other [s]: a walk across a room."""
 PIECE_RMS_M = 0.20
@@ -335,3 +337,26 @@ def relative_to(sensor: Path, folder: Path) -> str:
     if relative.startswith("..") or relative == ".":
         raise InputError(f"expected rigs.toml in a folder above all sensors, found {folder} for {sensor}")
     return relative
+
+
+def align_recordings(
+    paths: Sequence[Path], file: Path | None, config: Config, fps: float | None = None, clock_s: float = 10.0
+) -> list[RigAlignment]:
+    """Track recordings of several sensors, align them (``align_records``) and write the result as ``rigs.toml``. Raises
+    InputError: fewer than two, one that cannot be read, or a file that is not in a folder above all."""
+    if len(paths) < 2:
+        raise InputError(f"expected the recordings of two sensors or more, found {len(paths)}")
+    if len({path.resolve() for path in paths}) < len(paths):
+        raise InputError(f"expected every sensor once, found {', '.join(map(str, paths))}")
+    if file is not None:
+        for path in paths:
+            relative_to(path, file.parent)
+    records = []
+    for path in paths:
+        log.debug("tracking %s", path.name)
+        records.append(record_rig(path, config, fps))
+    alignments = align_records(records, clock_s)
+    if file is not None:
+        written = "found by planview calibrate align from people who walked"
+        save_rigs(rig_entries(records, alignments, file.parent), file, written)
+    return alignments

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import base64
 import io
+import logging
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -20,15 +21,19 @@ from calib.board.fit import MAX_VIEWS, rig_parameters, rms, select_views, sharpn
 from calib.board.solve import FOLDS, BoardCalibration, RejectedView, solve_board
 from calib.camera import LensModel
 from calib.errors import InputError
+from calib.formats import write_rig
 from calib.images import as_colour, as_grey, encode_image
-from calib.io import entries, size_text, write_whole
+from calib.io import entries, parse_length, size_text, write_whole
 from calib.types import U8
 from planview.drawing.style import page_of
+from planview.progress import Progress, unseen
 from stereo.readers.images import bits_of, frame_number, image_files, read_image
 from stereo.readers.pairing import split_sides
 from stereo.readers.video import SUFFIXES as VIDEO_SUFFIXES
 from stereo.readers.video import VideoFile, video_files
 from stereo.rectify import Rectifier, RectifyParams
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,12 +174,74 @@ class BoardRequest:
     model: LensModel | None = None
 
 
-def calibrate_images(
-    path: Path, request: BoardRequest, progress: Callable[[int, int], None] = lambda done, total: None
-) -> BoardCalibration:
+def request_of(
+    square: str, board: str | None, marker: str | None, dictionary: str | None, model: LensModel | None = None
+) -> BoardRequest:
+    """What is looked for, as a user writes it (see ``parse_square`` and ``parse_board``)."""
+    square_m = parse_square(square)
+    known = parse_board(board, square_m, marker, dictionary)
+    return BoardRequest(known, square_m, dictionary is None, marker is None, model)
+
+
+def parse_square(text: str) -> float:
+    """Side of a square [m]. Raises InputError: a bare number, which could be millimetres as well as metres, or what is
+    no length at all."""
+    if re.fullmatch(r"\s*\d+([.,]\d*)?\s*", text):
+        raise InputError(
+            f"expected the side of a square with its unit, found {text!r} without one: "
+            f"{text.strip()}mm if these are millimetres", argument="square",
+        )  # fmt: skip
+    return parse_length(text, "square=")
+
+
+def parse_board(text: str | None, square_m: float, marker: str | None, dictionary: str | None) -> Board | None:
+    """A board from what the user typed: ``9x6`` (inner corners) or ``charuco:8x6`` (squares), with the marker and the
+    dictionary where they are known (``complete_charuco`` finds the others); None where the counts are to be found too.
+    Raises InputError: text that describes no board."""
+    if not detect.MIN_SQUARE_M <= square_m <= detect.MAX_SQUARE_M:
+        sizes = f"{1000 * detect.MIN_SQUARE_M:g} mm to {100 * detect.MAX_SQUARE_M:g} cm"
+        raise InputError(f"expected the side of one square, {sizes}, found {1000 * square_m:g} mm", argument="square")
+    if text is None:
+        if marker or dictionary:
+            raise InputError("a marker and a dictionary need charuco:COLSxROWS, found no board", argument="board")
+        return None
+    match = re.fullmatch(r"\s*(charuco)?[\s:]*(\d{1,3})\s*[xX×]\s*(\d{1,3})\s*", text)
+    if match is None:
+        raise InputError(f"expected 9x6 (inner corners) or charuco:8x6 (squares), found {text!r}", argument="board")
+    cols = int(match[2])
+    rows = int(match[3])
+    try:
+        if not match[1]:
+            return Board(cols, rows, square_m)
+        marker_m = parse_length(marker, "marker=") if marker else detect.MARKER_SHARES[0] * square_m
+        names = detect.dictionaries()
+        chosen = dictionary or next(iter(names))
+        chosen = chosen if chosen.startswith("DICT_") else f"DICT_{chosen}"
+        if chosen not in names:
+            raise InputError(f"expected one of {', '.join(names)}, found {chosen!r}", argument="dictionary")
+        return Board(cols - 1, rows - 1, square_m, chosen, marker_m)
+    except ValueError as error:
+        raise InputError(str(error), argument="board") from error
+
+
+def calibrate_board(
+    images: Path, request: BoardRequest, file: Path, progress: Progress = unseen
+) -> tuple[BoardCalibration, list[Path]]:
+    """Calibrate a rig and write it, next to it the same for OpenCV and a page about it; returns the files, too. Raises
+    InputError: a file that does not end in .toml, and as ``calibrate_images``."""
+    if file.suffix.lower() != ".toml":
+        raise InputError(f"expected a name that ends in .toml, found {file.name!r}", argument="out")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    found = calibrate_images(images, request, progress)
+    files = [*write_rig(found.rig, file, "rig"), *write_rig(found.rig, file.with_suffix(".yml"), "opencv")]
+    return found, [*files, write_report(found, images, file.with_suffix(".html"))]
+
+
+def calibrate_images(path: Path, request: BoardRequest, progress: Progress = unseen) -> BoardCalibration:
     """Calibrate a rig from a folder or video (errors of ``solve_board``); ``progress`` gets pairs done and in all."""
     images = BoardImages(path)
     board = _board(images, request)
+    log.debug("detecting the board")
     found = _detect(images, board, progress)
     views = found.views
     rejected = found.rejected
@@ -183,6 +250,7 @@ def calibrate_images(
         rejected = [] if images.is_video else rejected
     if not images.is_video and not views:
         raise InputError(f"{path}: expected images of a {board.name}, found it in none of {len(rejected)} pairs")
+    log.debug("calibrating")
     return solve_board(views, board, found.size, model=request.model, rejected=rejected, source=str(path))
 
 
@@ -219,7 +287,7 @@ class _Detected(NamedTuple):
     size: tuple[int, int]
 
 
-def _detect(images: BoardImages, board: Board, progress: Callable[[int, int], None]) -> _Detected:
+def _detect(images: BoardImages, board: Board, progress: Progress) -> _Detected:
     """The corners that both images of a pair show and how sharp the lesser image is, or why a pair is of no use."""
     detector = detect.Detector(board, thorough=not images.is_video)
     found = _Detected([], [], [], (0, 0))

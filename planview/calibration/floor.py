@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,12 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError
-from calib.floor.find import PeopleSeen, floor_from_people
+from calib.floor.find import PeopleSeen, floor_from_people, floor_from_points
 from calib.floor.plane import FLOOR_DISPARITY_STD_PX
 from calib.images import as_colour
 from calib.rig import Floor
 from calib.types import F32, F64, U8
 from planview.drawing.image import Project, grid_lines
+from planview.drawing.style import Entry, as_bgr, with_legend
 from planview.trajectories.table import Trajectories
 from stereo.depth import RectifiedGeometry, median_image
 from stereo.floor import FloorSearch, spread_frames
@@ -25,6 +27,11 @@ from stereo.recording import DepthCamera, Recording, StereoPair
 
 GRID_COLOUR = (90, 220, 90)
 AXIS_COLOUR = (60, 200, 255)
+
+_LEGEND = [
+    Entry(as_bgr(GRID_COLOUR), "a line per metre of floor"),
+    Entry(as_bgr(AXIS_COLOUR), "x and y, 1 m from below the camera"),
+]
 
 
 class FloorDepths:
@@ -72,10 +79,37 @@ class FloorDepths:
         share = FLOOR_DISPARITY_STD_PX / self.geometry.disparity_std_px
         return np.array([share * self.geometry.depth_std_m(float(z)) for z in points[:, 2]])
 
+    def floor_at(self, places: F64) -> Floor:
+        """The floor through (N, 2) pixels, whose depth is looked up, or (N, 3) points [m]. Raises InputError: as
+        ``points_at``, or they lie in no plane below the camera."""
+        if places.shape[1] == 3:
+            return floor_from_points(places, "points=")
+        points = self.points_at(places)
+        return floor_from_points(points, "points=", self.depth_std_m(points))
+
     def picture(self, floor: Floor) -> U8:
-        """The left image with a metric grid on the floor."""
+        """The left image with a metric grid on the floor, and a legend."""
         camera = self.geometry.above(floor.world_SE3_left)
-        return draw_grid(self.image, camera.project, floor.extent_m or (-5.0, -5.0, 5.0, 5.0))
+        return with_legend(draw_grid(self.image, camera.project, floor.extent_m or (-5.0, -5.0, 5.0, 5.0)), _LEGEND)
+
+
+def parse_points(texts: Sequence[str]) -> F64:
+    """Points as typed: ``u,v`` in pixels of the rectified left image or ``x,y,z`` in metres, (N, 2) or (N, 3). Raises
+    InputError: not numbers, or of both kinds."""
+    rows = []
+    for text in texts:
+        try:
+            row = [float(part) for part in text.replace(";", ",").split(",")]
+        except ValueError:
+            row = []
+        if len(row) not in (2, 3) or not all(math.isfinite(v) for v in row):
+            raise InputError(f"expected u,v in pixels or x,y,z in metres, found {text!r}", argument="points")
+        rows.append(row)
+    if len({len(row) for row in rows}) != 1:
+        raise InputError("some points are in pixels and some in metres", argument="points")
+    if len(rows) < 3:
+        raise InputError(f"expected three or more, found {len(rows)}", argument="points")
+    return np.array(rows)
 
 
 def floor_from_tracks(

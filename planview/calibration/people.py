@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,12 +14,15 @@ from numpy.typing import ArrayLike
 from calib.errors import WorkError
 from calib.ground_camera import GroundCamera
 from calib.images import as_colour
+from calib.people.calibration import HumanCalibration
 from calib.people.model import HumanModel
 from calib.people.samples import MIN_SAMPLES, HumanSample, choose_spread
 from calib.types import F64, U8, Bool
+from planview.calibration.floor import draw_grid
 from planview.engine.config import SingleCameraParams
 from planview.engine.sensor import CameraSensor, StageClock
 from planview.foreground.ghosts import Blobs, find_blobs
+from planview.progress import Progress, unseen
 from stereo.recording import Recording, SingleCamera, refuse_untimed
 
 GIVEN = (255, 140, 0)
@@ -103,9 +106,7 @@ class CollectedSamples(NamedTuple):
     independent: int
 
 
-def collect_samples(
-    video: Recording[SingleCamera], count: int = 50, done: Callable[[], None] = lambda: None
-) -> CollectedSamples:
+def collect_samples(video: Recording[SingleCamera], count: int = 50, progress: Progress = unseen) -> CollectedSamples:
     """Take samples of people who walk by, where each is whole and apart from the others.
 
     Every frame gives a sample per blob that touches neither the image's edge nor another blob. Blobs that walk are
@@ -123,7 +124,7 @@ def collect_samples(
         # The background is learned for so long before samples are taken [s].
         if frame.timestamp_s >= 1.0 and mask is not None:
             _continue(paths, bodies_of(mask, frame.index), frame.index)
-        done()
+        progress(frame.index + 1, video.n_frames or None)
     walking = [path for path in paths if path.walks]
     walkers = [sample for path in walking for sample in path.samples]
     name = str(video.path)
@@ -237,3 +238,35 @@ def _ends(inside: Bool) -> F64:
     along = (points - centre) @ axis
     low, high = np.quantile(along, (0.002, 0.998))
     return np.stack([centre + (low - 0.5) * axis, centre + (high + 0.5) * axis])
+
+
+def people_picture(
+    found: HumanCalibration, samples: Sequence[HumanSample], video: Recording[SingleCamera] | None
+) -> U8:
+    """Given and computed features next to people all over the floor (figure 6)."""
+    camera = found.camera
+    image = _background(camera.size, samples, video)
+    given = draw_samples(image, camera, found.model, samples)
+    crowded = draw_grid(image, camera.project, floor_around(camera, samples) or (-5.0, -5.0, 5.0, 5.0))
+    for xy in crowd(camera, found.model):
+        draw_person(crowded, camera, found.model, xy, COMPUTED)
+    return np.hstack([given, crowded])
+
+
+def _background(size: tuple[int, int], samples: Sequence[HumanSample], video: Recording[SingleCamera] | None) -> U8:
+    """The frame of the first sample with the other samples' people pasted in, or plain grey without a video."""
+    canvas: U8 = np.full((size[1], size[0], 3), 60, dtype=np.uint8)
+    if video is None:
+        return canvas
+    by_frame = {s.frame: s for s in samples if s.frame >= 0}
+    for frame in video:
+        image = as_colour(frame.image)
+        if frame.index == 0:
+            canvas = image.copy()
+        if sample := by_frame.get(frame.index):
+            left, top, width, height = (round(v) for v in sample.box_px)
+            part = np.s_[max(0, top - 4) : top + height + 4, max(0, left - 4) : left + width + 4]
+            canvas[part] = image[part]
+        if frame.index >= max(by_frame, default=0):
+            break
+    return canvas

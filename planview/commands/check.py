@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import shlex
 
-from calib.errors import WorkError
+from calib.errors import WorkError, printable
 from planview.api import check as api
-from planview.commands.options import say, typed
+from planview.api.contents import Contents
+from planview.api.result import Result
+from planview.commands.options import say
 from planview.commands.shell import JSON, Call, command
-from planview.output.progress import PlainConsole
 
 _OPENS = "calibration", "topics", "fps"
 """Options that a recording is opened with, by every command."""
@@ -27,30 +28,40 @@ def _recording_words(call: Call) -> str:
 
 @command(api.check, own=JSON)
 def check(call: Call) -> None:
+    """Example: planview check recording --person-height 1.78m --out pictures
+
+    Example of its contents only, without looking at its images: planview check recording.bag --quick
+    """
     result = call()
     recording = _recording_words(call)
-    if isinstance(result, api.RecordingContents):
-        result.found["missing"] = [typed(error) for error in result.missing]
-    if not call.prints_json(result.to_json()):
-        PlainConsole(soft_wrap=not call["quick"], highlight=False).print(result)
-        if call["quick"] and not result.missing:
-            PlainConsole(highlight=False).print(
-                f"next         planview run {recording} --out out --rrd", soft_wrap=True
-            )
-    if isinstance(result, api.RecordingContents):
+    if call["quick"]:
+        _print_contents(call, result, recording)
         return
+    if not call.prints_json(result.to_json()):
+        print(result)
     for path in result.files:
         say(f"wrote {path}")
     if call["out"] and not result.files:
         say(f"{call['out']}: no pictures were written, because there is no depth to show")
     rig = call["corrected_rig"]
-    if result.correction:
+    correction = result.to_json()["correction"]
+    if correction:
         way = f"planview check {recording} --corrected-rig rig.toml writes the corrected calibration"
         say(f"wrote {rig}" if rig else way)
-    if failed := [check.name for check in result.checks if check.failed]:
-        count = f"{len(failed)} of {len(result.checks)} checks failed"
-        has_depth = "valid disparity" in {check.name for check in result.checks}
+    failed = [check.name for check in result.value if check.failed]
+    if failed:
+        count = f"{len(failed)} of {len(result.value)} checks failed"
+        has_depth = "valid disparity" in {check.name for check in result.value}
         pictures = "; --out FOLDER draws a frame with its depth" * (has_depth and not call["out"])
         raise WorkError(f"{call['recording']}: {count}: {', '.join(failed)}{pictures}")
-    if rig and not result.correction:
+    if rig and not correction:
         raise WorkError(f"{rig} was not written: there is nothing to correct in the calibration")
+
+
+def _print_contents(call: Call, result: Result[Contents], recording: str) -> None:
+    missing = [call.sentence(error) for error in result.value.missing]
+    if call.prints_json(result.to_json() | {"missing": missing}):
+        return
+    print(printable(result.value.text(call.sentence)))
+    if not missing:
+        print(f"next         planview run {recording} --out out --rrd")

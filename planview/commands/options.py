@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 
 from calib.errors import InputError, WorkError
 from calib.formats.one_camera import LensOnlyError
 
-_OPTIONS = {"camera": "calibration"}
-"""Options that are not called as the arguments of the functions below the public ones are."""
 
-
-def typed(error: InputError | WorkError) -> str:
+def typed(error: InputError | WorkError, options: Mapping[str, str]) -> str:
     """The sentence of an error with options in place of Python's arguments, and with the command that writes a
     camera.toml, or the trackers of one camera, where these are needed."""
-    sentence = re.sub(r"^(\w+)=: ", lambda argument: f"{_option(argument[1])}: ", error.sentence(_option))
+
+    def option(argument: str) -> str:
+        name = argument.partition("=")[0]  # of a switch with its value
+        return options.get(name, f"--{name.replace('_', '-')}")
+
+    sentence = re.sub(r"^(\w+)=: ", lambda argument: f"{option(argument[1])}: ", error.sentence(option))
     if error.remedy == "camera" or isinstance(error, LensOnlyError):
         focal = f" --focal {error.focal_px:.0f}" if isinstance(error, LensOnlyError) else ""
         sentence += f" (planview calibrate human VIDEO --auto{focal} --out camera.toml writes one)"
@@ -30,18 +33,8 @@ def typed(error: InputError | WorkError) -> str:
     return sentence
 
 
-def _option(argument: str) -> str:
-    name = argument.partition("=")[0]  # of a switch with its value
-    return f"--{_OPTIONS.get(name, name).replace('_', '-')}"
-
-
 def say(text: object) -> None:
     """Print a message to standard error, its lines as they are."""
-    from planview.output.progress import PlainConsole  # of rich, which some commands do without
+    from planview.commands.console import PlainConsole  # of rich, which some commands do without
 
     PlainConsole(stderr=True, soft_wrap=True, highlight=False).print(str(text))
-
-
-def plural(count: int, noun: str) -> str:
-    """ "1 run", "2 runs"."""
-    return f"{count} {noun}{'s' * (count != 1)}"

@@ -12,12 +12,12 @@ from calib.errors import InputError, WorkError
 from planview.api import run as api
 from planview.api.arguments import settings
 from planview.api.results import render
+from planview.commands.console import PlainConsole, compile_notice, summary
 from planview.commands.options import say
-from planview.commands.shell import JSON, Call, Flag, command
+from planview.commands.shell import JSON, QUIET, Call, Flag, command
 from planview.commands.tools import config_toml
 from planview.engine.open import TrackerName, base_config
 from planview.output.folder import HoldsResultsError
-from planview.output.progress import PlainConsole, summary
 from planview.output.report.snapshots import busiest_frame
 from planview.output.run_folder import RunFolder
 from planview.output.viewer import LiveViewer
@@ -25,8 +25,12 @@ from planview.synthetic.assets import DEMO
 
 GROUPS = {
     "Input": "calibration topics fps strict frames",
-    "Tracking": "tracker detections config set refine rules print_config",
+    "Tracking": "tracker detections config overrides refine rules print_config",
     "Output": "out rrd maps view quiet json overwrite resume",
+}
+OWN = JSON | {
+    "quiet": "Print nothing but errors.",
+    "print_config": "Print all parameters that the run would have as a file for --config, and end.",
 }
 HIDDEN = Parameter(show=False)
 """Of what few need: the documents have it."""
@@ -41,22 +45,39 @@ HIDDEN = Parameter(show=False)
         "checkpoint_every": Annotated[float, HIDDEN],
         "rrd_every": Annotated[int, HIDDEN],
     },
-    names={"calibration": ["--calibration", "--camera"], "maps": ["--maps", "--save-maps"]},
+    names={"calibration": ["--calibration", "--camera"]},
     groups=GROUPS,
-    own=JSON | {"print_config": "Print all parameters that the run would have as a file for --config, and end."},
+    own=OWN,
 )
 def run(call: Call) -> None:
+    """Example: planview run my_recording --out out --rrd
+
+    Example of two videos, or two folders of images: planview run left.mp4 right.mp4 --calibration rig.toml --out out
+
+    Example of saving the plan-view maps and tracking them again:
+        planview run my_recording --out out --maps
+        planview run out/maps.h5 --out again --tracker template
+
+    Example of watching it while it goes on: planview run my_recording --out out --view
+
+    Example with one camera: planview run street.mp4 --tracker human-model --calibration camera.toml --out out
+
+    Example without any calibration: planview run street.mp4 --tracker ellipse-particle --out out
+
+    Example with a detector's boxes: planview run street.mp4 --detections det.txt --calibration camera.toml --out out
+    """
     out = call["out"]
     recording = call["recording"]
     if call.own["print_config"]:
-        print(config_toml(settings(call["config"], call["set"], base_config(recording))))
+        print(config_toml(settings(call["config"], call["overrides"], base_config(recording))))
         return
     if out is None:
         raise InputError("run needs --out FOLDER for the results")
     live = LiveViewer()
     call.bound.arguments["view"] = live if call["view"] else False
     try:
-        call()
+        with compile_notice():
+            call()
     except InputError as error:
         if not isinstance(cause := error.__cause__, HoldsResultsError):
             raise
@@ -70,7 +91,7 @@ def run(call: Call) -> None:
             f"{error}; planview check {recording} --out pictures draws its rows, depth and floor"
         ) from error
     info = RunFolder(out).info
-    console = PlainConsole(stderr=True, quiet=call["quiet"])
+    console = PlainConsole(stderr=True, quiet=call.own["quiet"])
     summary(console, info, out)
     if info.counts:
         from planview.commands.scores import print_counts  # brings scipy
@@ -83,16 +104,18 @@ def run(call: Call) -> None:
             live.viewer.wait()
 
 
-@command(api.replay, options=["frame"], names={"out": ["--out", "--png"]})
+@command(api.replay, options=["frame"], own=QUIET)
 def replay(call: Call) -> None:
-    result = call()
-    say(f"tracked from {result.source}")
-    PlainConsole(soft_wrap=True, highlight=False).print(repr(result))
-    say(result.picture)
+    """Example: planview replay out --frame 310 --set joint.patch_m=0.15"""
+    found = call()
+    print(found)
+    say(found.files[0])
 
 
 def demo(*, out: Path = Path("out/demo"), json: Flag = False) -> None:
-    """Track the clip that comes with the package, write all results, a picture and run.rrd, and print the scores.
+    """Track the clip that comes with the package and print its scores.
+
+    All results are written, with a picture and run.rrd.
 
     Example: planview demo
 
@@ -107,7 +130,7 @@ def demo(*, out: Path = Path("out/demo"), json: Flag = False) -> None:
         raise InputError(f"{DEMO}: expected the demo clip, found nothing; {remedy}")
     run(DEMO, out=out, rrd=True, overwrite=True)
     evaluate(out / "tracks.csv", DEMO / "truth.csv", json=json)
-    say(render(out, frame=busiest_frame(RunFolder(out)) or 0, out=out / "scene.png", quiet=True))
+    say(render(out, frame=busiest_frame(RunFolder(out)) or 0, out=out / "scene.png"))
     say(
         f"Next: open {out / 'report.html'}: pictures, plots and settings of this run\n"
         f"      planview view {out}: every frame, and why the tracker decided as it did\n"

@@ -9,9 +9,9 @@ from rich.console import Console
 from rich.table import Column, Table
 
 from planview.api import scores
+from planview.commands.console import PlainConsole
 from planview.commands.shell import JSON, Call, command
 from planview.evaluation.result import Evaluation
-from planview.output.progress import PlainConsole
 from planview.output.report.page import evaluation_rows, figure_text, words_of
 from planview.output.run_folder import RunFolder
 from planview.trajectories.formats import file_pairs
@@ -27,6 +27,14 @@ HEADLINE = (
 
 @command(scores.evaluate, own=JSON | {"all": "Print all figures, and errors by group."})
 def evaluate(call: Call) -> None:
+    """Example: planview evaluate out
+
+    Example of another truth: planview evaluate out/tracks.csv recording/truth.csv --json
+
+    Example on PETS: planview evaluate out/tracks.csv gt.txt --gate 1 --align --frames 0:399
+
+    Example on MOTChallenge: planview evaluate trackers/mine gt --boxes --fps 25
+    """
     result: Evaluation = call()
     pairs = file_pairs(call["tracks"], call["truth"] or scores.truth_of(call["tracks"]))
     results = result.recordings or {pairs[0].name: result}
@@ -90,6 +98,14 @@ def _print_groups(values: dict[str, Any], console: Console) -> None:
 
 @command(scores.count, options=["rules"], own=JSON)
 def count(call: Call) -> None:
+    """Example: planview count out/tracks.csv --rules rules.toml --json
+
+    Example of rules.toml:
+        [[tripwire]]
+        name = "door"
+        from_m = [0, 2]
+        to_m = [1, 2]
+    """
     result = {name: value for name, value in call().attrs.items() if name != "events"}
     if not call.prints_json(result):
         print_counts(result, PlainConsole())

@@ -10,14 +10,21 @@ from rich.table import Column, Table
 
 from calib.params import tables_of
 from planview.api import tools as api
-from planview.commands.options import say
-from planview.commands.shell import JSON, Call, command
+from planview.commands.console import PlainConsole
+from planview.commands.shell import JSON, QUIET, Call, command
 from planview.engine.config import Config
-from planview.output.progress import PlainConsole
 
 
 @command(api.params, own=JSON)
 def params(call: Call) -> None:
+    """Example: planview params
+
+    Example of those about the floor: planview params floor
+
+    Example of one: planview params joint.stay_s
+
+    Example of what a scene of planview synth may hold: planview params --all synthetic.scene
+    """
     found = call()
     if call.prints_json({field.name: {**field._asdict(), "unit": api.unit_of(field)} for field in found}):
         return
@@ -50,8 +57,7 @@ def config_toml(config: Config) -> str:
     return "\n".join(lines)
 
 
-@command(api.synth, own=JSON)
+@command(api.synth, own=JSON | QUIET)
 def synth(call: Call) -> None:
-    written = call()
-    say(f"{written.frames} frames, {written.truth_rows} truth rows in {written.folder}")
-    call.prints_json(written._asdict() | {"folder": str(written.folder)})
+    """Example: planview synth data/synthetic/crossing.toml /tmp/crossing --frames 150"""
+    call.says()

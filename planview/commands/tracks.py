@@ -2,46 +2,55 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
 from planview.api import tracks as api
-from planview.commands.options import plural, say
-from planview.commands.shell import JSON, Call, command
+from planview.commands.options import say
+from planview.commands.shell import JSON, QUIET, Call, command
 from planview.output.finished import scores_of_refinement
-from planview.output.progress import PlainConsole
 
 
-@command(api.edit, names={"out": "RUN"}, own=JSON)
+@command(api.edit, names={"folder": "RUN", "file": "--list"}, own=JSON)
 def edit(call: Call) -> None:
-    result = call()
-    if not call.prints_json(result._asdict()):
-        say(
-            f"{call['out'] / 'tracks.csv'}: people {result.people_before} -> {result.people}, "
-            f"rows {result.rows_before:,} -> {result.rows:,}; {result.steps or 'nothing'} left to undo"
-        )
+    """Example: planview edit out --join 3:7 --split 5@120 --delete 9
+
+    Example by rule: planview edit out --join-gaps 2:0.6 --shorter 1 --ignore "POLYGON ((0 0, 2 0, 2 1, 0 1))"
+
+    Example: planview edit out --undo
+    """
+    found = call()
+    if not call.prints_json(found.to_json()):
+        say(found)
 
 
-@command(api.refine, names={"out": "RUN"}, own=JSON)
+@command(api.refine, names={"folder": "RUN"}, own=JSON)
 def refine(call: Call) -> None:
-    refined = call()
-    out = call["out"]
-    counts = dict.fromkeys(("join", "smooth"), 0) | Counter(change.kind for change in refined.changes)
-    if call.prints_json({"changes": counts, "rows": len(refined.tracks)}):
+    """Example: planview refine out"""
+    found = call()
+    if call.prints_json(found.to_json()):
         return
-    say(f"{out / 'tracks.csv'}: {plural(counts['join'], 'join')}, {plural(counts['smooth'], 'path')} smoothed")
-    if scores := scores_of_refinement(out):
-        say(f"{scores}\nplanview edit {out} --undo takes the refinement back")
+    say(found)
+    scores = scores_of_refinement(call["folder"])
+    if scores:
+        say(f"{scores}\nplanview edit {call['folder']} --undo takes the refinement back")
 
 
-@command(api.export, options=["to"], types={"out": Annotated[Path | None, Parameter(allow_leading_hyphen=True)]})
+FILE = Annotated[Path | None, Parameter(allow_leading_hyphen=True)]
+
+
+@command(api.export, options=["to"], types={"out": FILE}, own=QUIET)
 def export(call: Call) -> None:
-    if call["cloud"]:
-        with PlainConsole(stderr=True).status("opening the recording, finding the floor, matching"):
-            result = call()
-        say(f"{result.path}: {result.rows:,} points [m], origin on the floor below the camera, z up")
-    elif (result := call()).path != Path("-"):
-        say(f"{result.path}: {result.rows:,} rows of {result.people} people, {result.fps:g} frames per second")
+    """Example: planview export out --to pedpy --out tracks.txt
+
+    Example of one room: planview export out --to csv --region "POLYGON ((0 0, 4 0, 4 3, 0 3, 0 0))"
+
+    Example of a stream: planview export out --to jsonl --out - | head
+
+    Example of the scene, in metres on the axes of the tracks: planview export out --cloud scene.ply
+    """
+    found = call()
+    if found.value != Path("-"):
+        say(found)

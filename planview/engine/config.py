@@ -76,16 +76,16 @@ class Config(Params):
     detections: DetectionParams = DetectionParams()
 
 
-def load_config(path: Path | str | None = None, set: Sequence[str] = (), base: Config | None = None) -> Config:
+def load_config(path: Path | str | None = None, overrides: Sequence[str] = (), base: Config | None = None) -> Config:
     """The base (the defaults when None), then the file, then single values like ``foreground.learning_rate=0.002``.
     Raises InputError: an unreadable file, an unknown key, or a value out of range, by name."""
     tables = {} if path is None else load_toml(Path(path), "a TOML configuration")
     config = _validate(tables, str(path), base)
-    if not set:
+    if not overrides:
         return config
-    for value in set:
+    for value in overrides:
         _apply(tables, value)
-    return _validate(tables, "", base, "set")
+    return _validate(tables, "", base, "overrides")
 
 
 def config_of(tables: Mapping[str, Any], source: str = "", argument: str = "", base: Config | None = None) -> Config:
@@ -100,7 +100,7 @@ def _apply(tables: dict[str, Any], setting: str) -> None:
     name, equals, text = setting.partition("=")
     keys = name.strip().split(".")
     if not equals or not all(keys) or len(keys) > MAX_DEPTH:
-        raise InputError(f"expected table.key=value, found {setting!r:.80}", argument="set")
+        raise InputError(f"expected table.key=value, found {setting!r:.80}", argument="overrides")
     try:
         value = parse_toml(f"value = {text}")["value"]
     except ValueError:
@@ -108,7 +108,7 @@ def _apply(tables: dict[str, Any], setting: str) -> None:
     for key in keys[:-1]:
         tables = tables.setdefault(key, {})
         if not isinstance(tables, dict):
-            raise InputError(f"expected a table at {key!r}, found a value in {setting!r}", argument="set")
+            raise InputError(f"expected a table at {key!r}, found a value in {setting!r}", argument="overrides")
     tables[keys[-1]] = value
 
 

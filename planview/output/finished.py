@@ -14,7 +14,7 @@ from typing import NamedTuple
 from pydantic import BaseModel, ConfigDict, Field
 
 from calib.errors import InputError
-from calib.io import missing
+from calib.io import missing, read_text
 from planview.offline.edit import edited
 from planview.offline.refine import Refined, changes_csv, refine
 from planview.output.folder import RunInfo, finished_run, folder_lock, read_model, write_result, write_run_info, writing
@@ -50,6 +50,12 @@ class EditedRun(NamedTuple):
     rows: int
     people_before: int
     people: int
+
+
+def read_edits(file: Path) -> list[str]:
+    """The edits of a file, one per line, without comments. Raises InputError: it cannot be read."""
+    rows = (row.partition("#")[0].strip() for row in read_text(file, "a list of edits").splitlines())
+    return [row for row in rows if row]
 
 
 def edit_run(folder: Path, lines: Sequence[str]) -> EditedRun:

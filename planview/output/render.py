@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -28,6 +29,7 @@ from planview.engine.setup import set_up
 from planview.maps.recording import MapsRecording
 from planview.output.folder import writing
 from planview.output.run_folder import RunFolder
+from planview.progress import Progress, unseen
 from stereo.depth import median_image, point_cloud
 from stereo.floor import setup_frames
 from stereo.readers import OpenOptions, holds_pair, open_any
@@ -183,25 +185,37 @@ def write_video(path: Path, fps: float, pictures: Iterable[U8]) -> int:
     return count
 
 
-def scene_pictures_of(
-    composer: SceneComposer, frames: SceneFrames | None, first: int, last: int, every: int
-) -> Iterator[U8]:
-    """Pictures of every n-th frame; a frame that cannot be read shows the image before it."""
-    frames_due = deque(range(first, last + 1, every))
-    if frames is None:
-        yield from (composer(frame, None) for frame in frames_due)
-        return
-    for index, image in frames.through(first, last):
-        while frames_due and frames_due[0] <= index:
-            yield composer(frames_due.popleft(), image)
+def render_frames(
+    composer: SceneComposer, run: RunFolder, frames: range, path: Path, progress: Progress = unseen
+) -> Path:
+    """Write frames of a run as a video; one that cannot be read shows the image before it. Raises InputError: no such
+    frames. WorkError: none can be read, or the video cannot be written."""
+    if frames.start >= run.n_frames:
+        raise InputError(f"{run.path}: expected frames from {frames.start} on, found {run.n_frames}")
+    due = range(frames.start, min(frames.stop, run.n_frames), frames.step)
+    pictures = _pictures(composer, frames_or_none(run, warnings.warn), due, progress)
+    if not write_video(path, min(240.0, 1.0 / run.clock.frame_s), pictures):
+        raise WorkError(f"{path}: none of the frames {due.start} to {due.stop - 1} can be read")
+    return path
 
 
-def write_still(composer: SceneComposer, frames: SceneFrames | None, frame: int, path: Path) -> None:
+def _pictures(composer: SceneComposer, frames: SceneFrames | None, due: range, progress: Progress) -> Iterator[U8]:
+    images = ((frame, None) for frame in due) if frames is None else frames.through(due.start, due.stop - 1)
+    left = deque(due)
+    for index, image in images:
+        while left and left[0] <= index:
+            yield composer(left.popleft(), image)
+            progress(len(due) - len(left), len(due))
+
+
+def render_frame(composer: SceneComposer, run: RunFolder, frame: int, path: Path) -> Path:
     """Write a picture of one frame; the floor alone where its image cannot be read."""
+    frames = frames_or_none(run, warnings.warn)
     picture = composer(frame, None if frames is None else frames.image(frame))
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_image(path, picture)
+    return path
 
 
 class SceneFrames:

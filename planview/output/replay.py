@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
@@ -13,15 +13,16 @@ import numpy as np
 
 from calib.errors import InputError, WorkError
 from calib.ground_camera import GroundCamera
+from calib.images import write_image
 from calib.types import U8
 from planview.engine.config import Config
-from planview.engine.engine import FrameResult
 from planview.engine.open import FIXED_TABLES, TrackerName, open_engine
 from planview.evaluation.metrics import build_sequence, clear_scores, floor_similarity
 from planview.maps.recording import is_maps
-from planview.output.render import SceneComposer, SceneFrames
+from planview.output.render import SceneComposer, frames_or_none
 from planview.output.run_folder import RunFolder
 from planview.output.tables import reading_decisions
+from planview.progress import Progress, unseen
 from planview.tracking.base import Decision
 from planview.trajectories.table import Trajectories, TrajectoryCollector
 
@@ -41,16 +42,15 @@ def difference_text(results: RunFolder, replayed: ReplayedRun, frame: int) -> li
     return lines + _different_decisions(results.path / "decisions.csv", replayed, frame)
 
 
-def difference_picture(
-    results: RunFolder, replayed: ReplayedRun, frames: SceneFrames | None, frame: int, title: str
-) -> U8:
-    """(H, W, 3) uint8 BGR: the frame as it was tracked on top, as it is tracked now below."""
+def write_difference(results: RunFolder, replayed: ReplayedRun, frame: int, title: str, path: Path) -> None:
+    """Write a picture: the frame as it was tracked on top, as it is tracked now below."""
+    frames = frames_or_none(results, warnings.warn)
     image = None if frames is None else frames.image(frame)
     bounds = results.bounds()
     before = SceneComposer(results.as_tracked, bounds=bounds)(frame, image)
     after = SceneComposer(replayed.results, bounds=bounds)(frame, image)
     width = max(before.shape[1], after.shape[1])
-    return np.vstack([_with_title(before, "as it was run", width), _with_title(after, title, width)])
+    write_image(path, np.vstack([_with_title(before, "as it was run", width), _with_title(after, title, width)]))
 
 
 def _with_title(picture: U8, title: str, width: int) -> U8:
@@ -144,9 +144,7 @@ class ReplayedRun:
     source: Path
 
 
-def replay_run(
-    results: RunFolder, config: Config, frame: int, watch: Callable[[FrameResult], None] | None = None
-) -> ReplayedRun:
+def replay_run(results: RunFolder, config: Config, frame: int, progress: Progress = unseen) -> ReplayedRun:
     """Track up to a frame with other parameters: the plan-view recording of the run where they leave it valid, else the
     recording. Raises InputError: no recording any more, or parameters that its maps exclude. WorkError: the recording
     ends before the frame."""
@@ -159,13 +157,13 @@ def replay_run(
     collector = TrajectoryCollector()
     decisions = []
     reached = -1
+    first = results.info.first_frame
     engine.reset()
-    for result in engine.after(results.info.first_frame - 1, frame):
+    for result in engine.after(first - 1, frame):
         reached = result.frame
         collector.add(result.frame, result.timestamp_s, result.tracks)
         decisions += [(result.frame, decision) for decision in result.decisions if decision.kind != "matched"]
-        if watch:
-            watch(result)
+        progress(result.frame + 1 - first, frame + 1 - first)
     could_be_read = all(skipped.index != frame for skipped in engine.recording.skipped)
     if reached < frame and could_be_read:
         raise WorkError(f"{path}: expected frame {frame}, found the end of the recording after frame {reached}")

@@ -12,7 +12,8 @@ import math
 import os
 import platform
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from fnmatch import translate
@@ -258,42 +259,41 @@ def remove_checkpoint(folder: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def checkpoint_of(folder: Path, identity: dict[str, Any], warn: Callable[[str], None]) -> Checkpoint | None:
-    """The checkpoint in a folder; None where the run starts from the first frame, since it was interrupted before its
-    first checkpoint, or this is damaged, or a table was changed since.
+def checkpoint_of(folder: Path, identity: dict[str, Any]) -> Checkpoint | None:
+    """The checkpoint in a folder; None, with a warning, where the run starts from the first frame, since it was
+    interrupted before its first checkpoint, or this is damaged, or a table was changed since.
 
     Args:
         identity: of the run to resume.
-        warn: takes sentences about what could not be used.
     Raises:
         HoldsResultsError: the checkpoint, or what is in the folder, is of another run.
     """
     path = folder / CHECKPOINT
     if path.is_file():
-        checkpoint = _usable_checkpoint(path, identity, warn)
+        checkpoint = _usable_checkpoint(path, identity)
         if checkpoint is not None:
             return checkpoint
     products = products_in(folder)
     if not all(product.name.endswith(PART) for product in products):
         refuse_another_run(folder, identity)
     if products:
-        warn(f"{folder}: no checkpoint to resume from; the run starts again")
+        warnings.warn(f"{folder}: no checkpoint to resume from; the run starts again", stacklevel=2)
     return None
 
 
-def _usable_checkpoint(path: Path, identity: dict[str, Any], warn: Callable[[str], None]) -> Checkpoint | None:
+def _usable_checkpoint(path: Path, identity: dict[str, Any]) -> Checkpoint | None:
     """A checkpoint, unless it is damaged or a table was changed since. Raises HoldsResultsError: of another run."""
     try:
         checkpoint = read_checkpoint(path)
     except ValueError as error:
-        warn(f"{path}: the checkpoint is damaged ({error})")
+        warnings.warn(f"{path}: the checkpoint is damaged ({error})", stacklevel=3)
         return None
     other = difference(checkpoint.identity, identity)
     if other:
         raise HoldsResultsError(f"{path}: cannot resume: the checkpoint is of {other}")
     for name, mark in checkpoint.written["tables"].items():
         if not is_as_marked(path.with_name(name), *mark):
-            warn(f"{path.with_name(name)}: changed since {path.name} was written")
+            warnings.warn(f"{path.with_name(name)}: changed since {path.name} was written", stacklevel=3)
             return None
     return checkpoint
 

@@ -3,47 +3,49 @@
 from __future__ import annotations
 
 import json
+import logging
 import math
-import os
 import signal
 import threading
 import time
 import warnings
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
-from pathlib import Path
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
 
-from calib.carried import Carried
 from calib.errors import WorkError
-from calib.times import PAUSE_S, jump_note
-from planview.checks.check import Check
-from planview.checks.examine import RecordingWatch, refuse_unless_ok
-from planview.checks.sensors import SensorPaths, SensorsWatch
 from planview.counting.events import Event
-from planview.counting.stream import Analytics
 from planview.counting.totals import Counts
 from planview.engine.engine import Engine, FrameResult
+from planview.offline.refine import refine
 from planview.output import resume
+from planview.output.finished import refine_held_run
 from planview.output.folder import (
     RunInfo,
-    RunWarning,
     SkippedFrame,
+    finished_run,
     folder_lock,
     prepare_folder,
     write_result,
     write_run_info,
 )
-from planview.output.tables import RunTables
+from planview.output.report.page import write_report
+from planview.output.run_folder import RunFolder
+from planview.output.run_spec import RunSpec
+from planview.output.run_state import RunChecks, RunTotals
+from planview.output.tables import MapsLog, RunTables, refuse_unrecorded
+from planview.output.viewer import LiveViewer
+from planview.progress import Progress, unseen
 from planview.tracking.base import notes_of
 from planview.trajectories.clock import Span
-from planview.trajectories.table import is_person
+from planview.trajectories.table import Trajectories, TrajectoryCollector, is_person
 from stereo.recording import Skipped
+
+log = logging.getLogger(__name__)
+Watch = Callable[[FrameResult], object]
 
 
 class RunLog(Protocol):
@@ -82,199 +84,143 @@ def interrupt_event() -> Iterator[threading.Event]:
             signal.signal(number, handler)
 
 
-@dataclass
-class RunOptions:
-    """Options of a run, besides its engine and its folder."""
-
-    analytics: Analytics | None = None
-    """Counts while running; None for no rules."""
-    first_frame: int = 0
-    """Frame of the recording to begin with, as if it were the first: the background is learned from it on."""
-    last_frame: int | None = None
-    """Last frame of the recording to track; None for all."""
-    checkpoint_every_s: float = 0.0
-    """Time between two checkpoints [s]; 0 for none."""
-    strict: bool = False
-    """Refuse a recording that fails a check instead of warning."""
-
-
-def run(
+def track(
     engine: Engine,
-    folder: Path,
-    options: RunOptions | None = None,
-    logs: Sequence[RunLog] = (),
-    watch: Callable[[FrameResult], None] | None = None,
-    checkpoint: resume.Checkpoint | None = None,
-) -> RunInfo:
-    """Track a recording and write the output folder, which is held meanwhile (``folder_lock``): see ``track_into``.
+    spec: RunSpec,
+    watch: Watch | None = None,
+    progress: Progress = unseen,
+    viewer: LiveViewer | None = None,
+) -> Trajectories:
+    """The tracks of a recording, written to the folder of a run that has one (errors of ``run``).
 
-    Raises InputError: another call holds the folder.
+    Args:
+        watch: called after every frame.
+        progress: called after every frame, too.
+        viewer: shows every frame.
     """
-    with folder_lock(folder):
-        return track_into(engine, folder, options, logs, watch, checkpoint)
+    total = spec.n_frames(engine.recording.n_frames)
+    log.debug("tracking")
+    with ExitStack() as stack:
+        watches: list[Watch] = [lambda result: progress(result.frame + 1 - spec.first_frame, total)]
+        if watch is not None:
+            watches.append(watch)
+        if viewer is not None:
+            watches.append(stack.enter_context(viewer.showing(engine)))
+        if spec.out is None:
+            return _track_in_memory(engine, spec, watches)
+        run(engine, spec, watches)
+        return RunFolder(spec.out).tracks
 
 
-def track_into(
-    engine: Engine,
-    folder: Path,
-    options: RunOptions | None = None,
-    logs: Sequence[RunLog] = (),
-    watch: Callable[[FrameResult], None] | None = None,
-    checkpoint: resume.Checkpoint | None = None,
-) -> RunInfo:
-    """Track a recording into a folder that the caller holds.
+def _track_in_memory(engine: Engine, spec: RunSpec, watches: Sequence[Watch]) -> Trajectories:
+    rows = TrajectoryCollector()
+    n_read = 0
+    engine.reset()
+    for result in engine.after(spec.first_frame - 1, spec.last_frame):
+        rows.add(result.frame, result.timestamp_s, result.tracks)
+        n_read += 1
+        for watch in watches:
+            watch(result)
+    tracks = rows.trajectories()
+    if spec.refine:
+        tracks = refine(tracks).tracks
+    n_frames = spec.first_frame + n_read + len(_skipped(engine, spec))
+    return replace(tracks, first_frame=spec.first_frame, n_frames=n_frames)
 
-    The folder must be empty of results (``prepare_folder``). When the run is interrupted or fails, ``run.json`` has
-    ``finished: false`` and every file is valid up to the last finished frame.
+
+def run(engine: Engine, spec: RunSpec, watches: Sequence[Watch] = ()) -> RunInfo:
+    """Track a recording into the folder of a run, which is held meanwhile (``folder_lock``).
+
+    When the run is interrupted or fails, ``run.json`` has ``finished: false`` and every file is valid up to the last
+    finished frame.
 
     Args:
         engine: from ``open_engine``, or composed by hand.
-        logs: take every frame, one of each class; closed at the end, whatever happens.
-        watch: called after every frame, e.g. to show progress.
-        checkpoint: to resume from (``checkpoint_of``), with logs made for its positions.
+        watches: called after every frame, e.g. to show progress.
     Raises:
-        InputError: the recording fails a check (``strict``); what was tracked until then is kept.
+        InputError: another call holds the folder, or it holds another run than the one to resume; or the recording
+            fails a check (``strict``), and what was tracked until then is kept.
         WorkError: the disk is full, or no frame can be used.
         KeyboardInterrupt: Ctrl-C, SIGTERM or SIGHUP came; raised after the frame under way, with all files closed.
     """
-    job = _Run(engine, folder, options or RunOptions(), logs)
-    try:
-        job.track(watch, checkpoint)
-    except BaseException:
-        job.end(finished=False)
-        raise
-    return job.end(finished=True)
+    folder = spec.folder
+    if spec.maps:
+        refuse_unrecorded(engine)
+    job = _Run(engine, spec)  # whatever refuses the run comes before the folder is touched
+    with folder_lock(folder):
+        if spec.resume and finished_run(folder) is not None:
+            resume.refuse_another_run(folder, resume.known_identity(spec.info(engine)))
+            return _complete(spec)
+        checkpoint = job.begin()
+        try:
+            job.track(watches, checkpoint)
+        except BaseException:
+            job.end(finished=False)
+            raise
+        info = job.end(finished=True)
+        if spec.report:
+            write_report(folder)
+        if note := job.unreached():
+            warnings.warn(note, stacklevel=2)
+        return refine_held_run(folder)[1] if spec.refine else info
 
 
-def begin_run(engine: Engine, folder: Path, options: RunOptions, *, overwrite: bool) -> None:
-    """Empty a folder that the caller holds for a run, with a ``run.json`` before anything else is written (errors of
-    ``prepare_folder``)."""
-    prepare_folder(folder, overwrite, engine.recording.path)
-    write_run_info(_info_of(engine, options).model_copy(update={"state": "running"}), folder / "run.json")
-
-
-TIMES_MAX = 4096
-"""Times of a stage that are kept, the last ones: their median is known to 2 %."""
-
-
-@dataclass
-class RunTotals(Carried):
-    """Counts of a run so far."""
-
-    RECORDS = (Event,)
-    frames: int = 0
-    last_frame: int = -1
-    tracks: int = 0
-    """Rows."""
-    people: dict[int, int] = field(default_factory=dict)
-    """In how many frames each id was confirmed."""
-    stages: dict[str, deque[float]] = field(default_factory=dict)
-    events: list[Event] = field(default_factory=list)
-    first_s: float = 0.0
-    last_s: float = 0.0
-    elapsed_s: float = 0.0
-    """Time of the run up to its last checkpoint [s]."""
-    jump: str = ""
-    """The last jump of the clock, in words."""
-
-    def take(self, result: FrameResult) -> None:
-        """Count a frame."""
-        if self.frames == 0:
-            self.first_s = result.timestamp_s
-        elif result.timestamp_s - self.last_s > PAUSE_S:
-            self.jump = jump_note(self.last_frame, result.frame, result.timestamp_s - self.last_s)
-        self.frames += 1
-        self.last_frame = result.frame
-        self.last_s = result.timestamp_s
-        self.tracks += len(result.tracks)
-        for track in result.tracks:
-            if track.state == "confirmed":
-                self.people[track.track_id] = self.people.get(track.track_id, 0) + 1
-        for stage, duration in result.stages_ms.items():
-            self.stages.setdefault(stage, deque(maxlen=TIMES_MAX)).append(duration)
-
-    def remark(self, people: int) -> str:
-        """Sentence on why there are no people, or on a jump of the clock; or nothing."""
-        if people or not self.frames:
-            return self.jump
-        if not self.tracks:
-            return f"nothing of a person's size moved in {self.frames} frames"
-        return "everything that moved was too short-lived or too small for a person (decisions.csv has the reasons)"
-
-
-class RunChecks(Carried):
-    """Watches a run; ``strict``: raise InputError when a check fails, before the first frame and while tracking."""
-
-    CARRIED = "_watch", "_sensors", "_frames"
-
-    def __init__(self, engine: Engine, strict: bool) -> None:
-        self._engine = engine
-        self._strict = strict
-        self._watch = RecordingWatch(engine.stereo) if engine.rigs else None
-        self._sensors = SensorsWatch([SensorPaths(name, rig.camera) for name, rig in engine.rigs.items()])
-        self._frames = 0
-        self.refuse()
-
-    def update(self, result: FrameResult) -> None:
-        """Take a frame, and refuse the recording where that is wanted and a check fails by now."""
-        if self._watch is not None:
-            confirmed = [person for person in result.tracks if person.state == "confirmed"]
-            places = {person.track_id: (person.x_m, person.y_m) for person in confirmed}
-            self._watch.update(result.timestamp_s, result.depth, result.views[0].foreground, places)
-        if len(self._engine.rigs) > 1:
-            self._sensors.update(result.timestamp_s, [view.points for view in result.views])
-        self._frames += 1
-        if self._frames % 60 == 0:
-            self.refuse()
-
-    def refuse(self) -> None:
-        """Raise InputError where that is wanted and a check has failed by now."""
-        if self._strict:
-            refuse_unless_ok(self._all(), str(self._engine.recording.path))
-
-    def warnings(self) -> list[RunWarning]:
-        """The checks that failed."""
-        warnings = []
-        for check in self._all():
-            if not check.ok:
-                value = check.value if math.isfinite(check.value) else None
-                warnings.append(RunWarning(name=check.name, value=value, unit=check.unit, text=check.sentence))
-        return warnings
-
-    def _all(self) -> list[Check]:
-        watched = [] if self._watch is None else self._watch.checks()
-        return [*self._engine.checks, *watched, *self._sensors.checks()]
+def _complete(spec: RunSpec) -> RunInfo:
+    """Do what a kill after the last frame left undone, the page last."""
+    folder = spec.folder
+    info = RunFolder(folder).info
+    resume.remove_checkpoint(folder)
+    if (folder / "report.html").is_file() and (info.refined or not spec.refine):
+        log.info("%s: the run is finished; nothing is left to resume", folder)
+    elif info.refined or spec.refine:
+        return refine_held_run(folder)[1]
+    else:
+        write_report(folder)
+    return info
 
 
 class _Run:
     """A run under way: what it has counted and seen, and what it writes."""
 
-    def __init__(self, engine: Engine, folder: Path, options: RunOptions, logs: Sequence[RunLog]) -> None:
+    def __init__(self, engine: Engine, spec: RunSpec) -> None:
         self._engine = engine
-        self._folder = folder
-        self._options = options
-        self._logs = {type(log).__name__: log for log in logs}
+        self._spec = spec
+        self._folder = spec.folder
+        self._analytics = spec.analytics(engine)
+        self._logs: dict[str, RunLog] = {}
         self._totals = RunTotals()
         self._started_s = time.monotonic()
-        self._checks = RunChecks(engine, options.strict)
+        self._checks = RunChecks(engine, spec.strict)
         self._carried: dict[str, Any] = {"engine": engine, "totals": self._totals, "checks": self._checks}
-        if options.analytics is not None:
-            self._carried["analytics"] = options.analytics
-        self._info = _info_of(engine, options)
+        if self._analytics is not None:
+            self._carried["analytics"] = self._analytics
+        self._info = spec.info(engine)
         self._identity: dict[str, Any] | None = None
-        self._mark_every_s = 0.0 if engine.recording.is_live else options.checkpoint_every_s
+        cannot_resume = engine.recording.is_live or engine.tracker_name == "detections"
+        self._mark_every_s = 0.0 if cannot_resume else spec.checkpoint_every_s
         self._marked_s = time.monotonic()
 
-    def track(self, watch: Callable[[FrameResult], None] | None, checkpoint: resume.Checkpoint | None) -> None:
+    def begin(self) -> resume.Checkpoint | None:
+        """Make room for the results, with a run.json before anything else; or the checkpoint to resume from."""
+        spec = self._spec
+        if spec.resume:
+            checkpoint = resume.checkpoint_of(self._folder, spec.identity(self._engine))
+            if checkpoint is not None:
+                return checkpoint
+        prepare_folder(self._folder, spec.overwrite or spec.resume, self._engine.recording.path)
+        write_run_info(self._information("running"), self._folder / "run.json")
+        return None
+
+    def track(self, watches: Sequence[Watch], checkpoint: resume.Checkpoint | None) -> None:
         """Track what is left of the recording; all files are closed at the end, whatever happens."""
         recording = self._engine.recording
         with ExitStack() as stack:
             interrupted = stack.enter_context(interrupt_event())
             tables = self._open(stack, checkpoint)
-            done = max(self._totals.last_frame, self._options.first_frame - 1)
-            for result in self._engine.after(done, self._options.last_frame):
+            done = max(self._totals.last_frame, self._spec.first_frame - 1)
+            for result in self._engine.after(done, self._spec.last_frame):
                 self._take(result, tables)
-                if watch:
+                for watch in watches:
                     watch(result)
                 self._mark_when_due(tables, interrupted.is_set())
                 if interrupted.is_set() and recording.is_live:
@@ -288,12 +234,22 @@ class _Run:
 
     def _open(self, stack: ExitStack, checkpoint: resume.Checkpoint | None) -> RunTables:
         """Begin or resume everything; the stack closes the tables, which are returned, and the logs."""
-        for log in self._logs.values():
-            stack.callback(log.close)
-        if checkpoint is not None or not (self._folder / "run.json").is_file():
+        spec = self._spec
+        written: dict[str, Any] = {"logs": {}, "tables": None}
+        if checkpoint is not None:
+            written = checkpoint.written
             write_run_info(self._information("running"), self._folder / "run.json")
-        marks = checkpoint and checkpoint.written["tables"]
-        tables = RunTables(self._folder, self._options.analytics is not None, marks)
+        if spec.maps:
+            maps = self._folder / "maps.h5"
+            self._logs["MapsLog"] = MapsLog(self._engine, maps, written["logs"].get("MapsLog"))
+            stack.callback(self._logs["MapsLog"].close)
+        if spec.rrd_every:
+            from planview.output.rerun_log import RerunLog  # rerun takes a second, and few runs write for it
+
+            rrd = self._folder / "run.rrd"
+            self._logs["RerunLog"] = RerunLog(self._engine, rrd, spec.rrd_every, resumed=checkpoint is not None)
+            stack.callback(self._logs["RerunLog"].close)
+        tables = RunTables(self._folder, self._analytics is not None, written["tables"])
         stack.callback(tables.close)
         for name, part in self._carried.items():
             part.reset()
@@ -305,8 +261,8 @@ class _Run:
         """Count a frame, and write what is known of it."""
         self._totals.take(result)
         events: Sequence[Event] = ()
-        if self._options.analytics is not None:
-            events = self._options.analytics.update(result.frame, result.timestamp_s, result.tracks)
+        if self._analytics is not None:
+            events = self._analytics.update(result.frame, result.timestamp_s, result.tracks)
             self._totals.events.extend(events)
         tables.add(result, events)
         for log in self._logs.values():
@@ -327,7 +283,7 @@ class _Run:
         self._totals.elapsed_s = self._elapsed_s()
         self._started_s = time.monotonic()
         try:
-            self._identity = self._identity or run_identity(self._engine, self._options, list(self._logs))
+            self._identity = self._identity or self._spec.identity(self._engine)
             state = {name: part.state() for name, part in self._carried.items()}
         except (resume.UnidentifiedError, TypeError) as error:
             warnings.warn(f"this run writes no checkpoints: {error}", stacklevel=2)
@@ -354,11 +310,15 @@ class _Run:
             resume.remove_checkpoint(self._folder)
         return info
 
+    def unreached(self) -> str:
+        """A sentence on rules where nobody was; empty without any."""
+        return "" if self._analytics is None else self._analytics.rules.unreached(RunFolder(self._folder).tracks)
+
     def _information(self, state: str) -> RunInfo:
         """run.json as it is now."""
         totals = self._totals
         recording = self._engine.recording
-        skipped = skipped_between(self._engine, self._options.first_frame, self._options.last_frame)
+        skipped = _skipped(self._engine, self._spec)
         frame_s = 1 / recording.fps
         confirmed_s = frame_s * np.array(list(totals.people.values()), dtype=np.float64)
         people = int(is_person(confirmed_s).sum())
@@ -378,8 +338,8 @@ class _Run:
         span = Span(totals.first_s, totals.last_s + frame_s, frame_s)
         if totals.frames:
             changes |= {"start_s": span.start_s, "end_s": span.end_s}
-        if self._options.analytics is not None and state != "running":
-            changes["counts"] = Counts.of(self._options.analytics, totals.events, span).to_json()
+        if self._analytics is not None and state != "running":
+            changes["counts"] = Counts.of(self._analytics, totals.events, span).to_json()
         return self._info.model_copy(update=changes)
 
 
@@ -387,53 +347,7 @@ SKIPPED_SHOWN = 1000
 """Skipped frames that run.json names at most, so that it stays small."""
 
 
-def skipped_between(engine: Engine, first: int, last: int | None) -> list[Skipped]:
-    """Frames from the first to the last, or to the end, that could not be used so far."""
-    end = math.inf if last is None else last
-    return [frame for frame in engine.recording.skipped if first <= frame.index <= end]
-
-
-def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """All that decides the tracks of a run, as JSON; ``logs``: names of their classes. Raises UnidentifiedError: a part
-    or a recording that cannot be told from another one."""
-    recording = engine.recording
-    resume.refuse_unidentified(engine)
-    identity = resume.known_identity(_info_of(engine, options))
-    identity["version"] = resume.library_versions() | {"planview": resume.code_version()}
-    identity["recording"] |= {
-        "images": resume.content_key(recording.path, recording.files),
-        "calibration": resume.calibration_key(recording),
-        "frames": recording.n_frames,
-    }
-    identity["settings"] |= {"rules": "", "logs": sorted(logs)}
-    if (counts := options.analytics) is not None:
-        rules = {"rules": replace(counts.rules, source=""), "params": counts.params}
-        identity["settings"]["rules"] = resume.digest_of(rules)
-    return identity
-
-
-def refuse_another_run(engine: Engine, options: RunOptions, folder: Path) -> None:
-    """Raise HoldsResultsError where the run in a folder is another one, as far as run.json describes it."""
-    resume.refuse_another_run(folder, resume.known_identity(_info_of(engine, options)))
-
-
-def _info_of(engine: Engine, options: RunOptions) -> RunInfo:
-    recording = engine.recording
-    path = recording.path
-    return RunInfo(
-        input=os.fspath(path),
-        recording=os.fspath(path.resolve()) if path.exists() else "",
-        opened=recording.options.resolved(),
-        notes=list(recording.notes),
-        size_px=engine.size,
-        fps=recording.fps,
-        plane="floor" if engine.camera is not None else "image",
-        rig=engine.camera_info(),
-        floor=engine.floor_info(),
-        tracker=engine.tracker_name,
-        own_parts={role: resume.part_name(part) for role, part in engine.own_parts.items()},
-        first_frame=options.first_frame,
-        config=engine.config.model_dump(mode="json"),
-        started_at=datetime.now(UTC).astimezone().isoformat(timespec="seconds"),
-        versions=resume.library_versions(),
-    )
+def _skipped(engine: Engine, spec: RunSpec) -> list[Skipped]:
+    """Frames to track that could not be used so far."""
+    end = math.inf if spec.last_frame is None else spec.last_frame
+    return [frame for frame in engine.recording.skipped if spec.first_frame <= frame.index <= end]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import logging
 import os
 import signal
 import socket
@@ -11,17 +12,19 @@ import sys
 import sysconfig
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calib.errors import WorkError
-from calib.io import reason
-from planview.output.progress import PlainConsole
+from calib.errors import InputError, WorkError
+from calib.io import missing, reason
+from planview.output.folder import rrd_parts
 
 if TYPE_CHECKING:
     from planview.engine.engine import Engine, FrameResult
     from planview.output.rerun_log import ViewerLog
 
+log = logging.getLogger(__name__)
 PORT = 9876
 WEB_PORT = 9090
 """Ports at which rerun's programs look for data and for the page."""
@@ -102,7 +105,7 @@ class LiveViewer:
         self.viewer = viewer
         if viewer.page:
             atexit.register(viewer.close)
-            PlainConsole(stderr=True, soft_wrap=True, highlight=False).print(f"open {viewer.page}")
+            log.warning("open %s", viewer.page)  # a warning is seen where nobody has set up logging
         if is_notebook:
             from IPython.display import IFrame, display
 
@@ -161,3 +164,40 @@ def quiet_environment() -> dict[str, str]:
     environment = {**os.environ, "CI": "1"}
     environment.pop("FORCE_RERUN_ANALYTICS", None)
     return environment
+
+
+def open_viewer(folder: Path, *, web: bool, port: int, web_port: int) -> Viewer:
+    """The viewer of a run's folder, or of an .rrd file. Raises InputError: no recording for it, or one that it cannot
+    read. WorkError: there is no display, or it cannot be started."""
+    recording = folder if folder.suffix == ".rrd" else folder / "run.rrd"
+    if not folder.exists():
+        raise missing(folder)
+    if not recording.is_file():
+        raise InputError(f"{folder}: no run.rrd in it, which a run writes", remedy="rrd=True")
+    parts = [recording] if folder.suffix == ".rrd" else rrd_parts(recording)
+    for part in parts:
+        refuse_broken(part)
+    if not web and not has_display():
+        raise WorkError("there is no display to open a window on", remedy="web=True")
+    viewer = Viewer(parts, web=web, port=port, web_port=web_port)
+    if viewer.page:
+        log.warning("open %s   (Ctrl-C ends it)", viewer.page)  # a warning is seen where nobody has set up logging
+    return viewer
+
+
+def refuse_broken(part: Path) -> None:
+    """Raise InputError for what the viewer would show as an empty page: no recording, of another version, cut off."""
+    with part.open("rb") as file:
+        head = file.read(8)
+        file.seek(max(0, part.stat().st_size - 12))
+        end = file.read()
+    own = tuple(map(int, version("rerun-sdk").split(".")[:2]))
+    found = ""
+    if len(head) < 8 or not head.startswith(b"RRF"):
+        found = "a file of another kind" if head else "an empty file"
+    elif not (0, 23) <= (head[4], head[5]) <= own or head[:4] != b"RRF2":  # each reads what 0.23 and later wrote
+        found = f"one of rerun {head[4]}.{head[5]}, which rerun {own[0]}.{own[1]} does not read: install that version"
+    elif (head[4], head[5]) == own and not end.startswith(b"RRF2FOOT"):
+        found = f"one that was cut off: rerun rrd merge {part} -o whole.rrd recovers what is there"
+    if found:
+        raise InputError(f"{part}: expected a rerun recording, found {found}")

@@ -85,6 +85,15 @@ def means_of(results: Sequence[JobResult]) -> DataFrame:
     return means
 
 
+def means_text(results: Sequence[JobResult]) -> str:
+    """Two lines per configuration: its settings, and the means of its runs."""
+    lines = []
+    for configuration, means in means_of(results).iterrows():
+        figures = [f"{name} {value:.4g}" for name, value in means.dropna().items()]
+        lines += [str(configuration), f"   {', '.join(figures)}"]
+    return "\n".join(lines)
+
+
 def summary_csv(results: Sequence[JobResult]) -> str:
     """``table_of`` as text."""
     return str(table_of(results).to_csv(index=False, float_format="%.6g", lineterminator="\n"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,7 +13,7 @@ from typing import Annotated, Any
 from pydantic import Field, ValidationError, field_validator
 
 from calib.errors import InputError
-from calib.io import load_toml
+from calib.io import load_toml, parse_toml
 from calib.params import Params, first_problem
 from planview.engine.open import TrackerName
 
@@ -147,3 +148,55 @@ def _flatten(tables: Any, prefix: str = "") -> dict[str, Any]:
         else:
             flat |= _flatten(value, f"{prefix}{key}.")
     return flat
+
+
+def study_of(
+    sources: Sequence[Path], out: Path | None, vary: Sequence[str], config: Path | None
+) -> tuple[Study, list[str], Path]:
+    """The study with absolute paths, names of its recordings, and the folder for results."""
+    if len(sources) == 1 and sources[0].suffix == ".toml":
+        if vary or config:
+            raise InputError(f"vary and config cannot be combined with a study file; write them into {sources[0]}")
+        study = load_study(sources[0])
+        folder = sources[0].parent
+        out = out or sources[0].with_suffix("")
+    else:
+        if out is None:
+            raise InputError("recordings without a study file need a folder for the results", argument="out")
+        parameters, seeds = varied(vary)
+        entries = [RecordingEntry(path=path) for path in sources]
+        study = Study(recordings=entries, config=config, parameters=parameters, seeds=seeds)
+        folder = Path()
+    paths = [entry.path for entry in study.recordings]
+    names = [str(path.relative_to(folder) if path.is_relative_to(folder) else path) for path in paths]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise InputError(f"expected every recording once, found {twice[0]} twice")
+    # Workers may have another current folder.
+    entries = [entry.model_copy(update={n: p and p.absolute() for n, p in entry}) for entry in study.recordings]
+    absolute = study.config and study.config.absolute()
+    return study.model_copy(update={"recordings": entries, "config": absolute}), names, out.absolute()
+
+
+def varied(options: Sequence[str]) -> tuple[dict[str, list[Any]], list[int]]:
+    """Values per parameter, and the seeds where the parameter is ``seed``."""
+    parameters: dict[str, list[Any]] = {}
+    for text in options:
+        name, equals, values = text.partition("=")
+        listed = [_value(value) for value in values.split(",")]
+        if not equals or not values:
+            raise InputError(f"expected table.key=value,value, found {text!r}", argument="vary")
+        if len(set(map(repr, listed))) < len(listed) or name in parameters:
+            raise InputError(f"expected different settings for every run, found one twice in {text!r}", argument="vary")
+        parameters[name.strip()] = listed
+    seeds = parameters.pop("seed", [0])
+    if not all(isinstance(seed, int) and seed >= 0 for seed in seeds):
+        raise InputError(f"expected whole numbers from 0 for seed, found {seeds}", argument="vary")
+    return parameters, seeds
+
+
+def _value(text: str) -> Any:
+    try:
+        return parse_toml(f"value = {text}")["value"]
+    except ValueError:
+        return text.strip()

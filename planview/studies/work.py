@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cache
@@ -12,8 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import cv2
-from rich.console import Console
-from rich.progress import MofNCompleteColumn, Progress
 
 from calib.errors import InputError, WorkError
 from calib.io import ATTEMPT, whole_folder
@@ -24,8 +22,10 @@ from planview.evaluation.evaluate import evaluate_tracks
 from planview.maps.recording import is_maps
 from planview.output.folder import folder_lock, read_run_info, write_result
 from planview.output.resume import code_version, content_key, key_of
-from planview.output.run import RunOptions, run
+from planview.output.run import run
 from planview.output.run_folder import read_object
+from planview.output.run_spec import RunSpec
+from planview.progress import Progress, unseen
 from planview.studies.results import JobResult, run_figures, summary_csv
 from planview.studies.study import Configuration, RecordingEntry, Study
 from planview.studies.workers import Done, on_workers
@@ -164,13 +164,13 @@ def _track(job: Job) -> None:
         options = OpenOptions(entry.calibration, entry.fps)
         engine = open_engine(entry.path, job.tracker, job.config, entry.camera, options)
         engine.ahead = 0
-        run(engine, folder, RunOptions(last_frame=job.frames - 1 if job.frames else None))
+        run(engine, RunSpec(folder, last_frame=job.frames - 1 if job.frames else None))
         if not job.is_done:  # a folder that lacks run.json makes room only now
             shutil.rmtree(job.folder, ignore_errors=True)
 
 
 def run_study(
-    study: Study, names: Sequence[str], out: Path, workers: AbstractContextManager[Client], console: Console
+    study: Study, names: Sequence[str], out: Path, workers: AbstractContextManager[Client], progress: Progress = unseen
 ) -> list[JobResult]:
     """Run all that is not done and write study.json and summary.csv; the results come in the order of the study.
 
@@ -182,7 +182,7 @@ def run_study(
     with folder_lock(out):
         write_result(out / "study.json", study.model_dump_json(indent=2) + "\n")
         try:
-            results = _do_jobs(jobs, workers, console)
+            results = _do_jobs(jobs, workers, progress)
         finally:
             for left_by_killed in out.glob(f"*/{ATTEMPT}*"):
                 shutil.rmtree(left_by_killed, ignore_errors=True)
@@ -191,7 +191,7 @@ def run_study(
 
 
 def _do_jobs(
-    jobs: Sequence[Job | JobResult], workers: AbstractContextManager[Client], console: Console
+    jobs: Sequence[Job | JobResult], workers: AbstractContextManager[Client], progress: Progress
 ) -> list[JobResult]:
     """Results in the order of the jobs."""
     done: dict[Path, Done] = {}
@@ -204,8 +204,12 @@ def _do_jobs(
             done[job.scores_file] = Done(job.scores_file, figures)
         else:
             left[job.scores_file] = job
+    n_reused = len(done)
     if left:
-        done |= _do_on_workers(left, workers, console)
+        with workers as client:
+            for ended in on_workers(client, do_job, left):
+                done[ended.key] = ended
+                progress(len(done) - n_reused, len(left))
     results = []
     for job in jobs:
         if isinstance(job, JobResult):
@@ -213,13 +217,3 @@ def _do_jobs(
         else:
             results.append(job.result(done[job.scores_file], reused=job.scores_file not in left))
     return results
-
-
-def _do_on_workers(
-    jobs: Mapping[Path, Job], workers: AbstractContextManager[Client], console: Console
-) -> dict[Path, Done]:
-    """How each job ended; a bar shows how many have."""
-    columns = (*Progress.get_default_columns(), MofNCompleteColumn())
-    with workers as client, Progress(*columns, console=console) as bar:
-        ended = bar.track(on_workers(client, do_job, jobs), len(jobs), description="runs")
-        return {done.key: done for done in ended}

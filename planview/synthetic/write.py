@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Literal
@@ -19,8 +18,9 @@ from calib.io import load_toml, reason
 from calib.params import Params, first_problem
 from calib.rig import Floor, save_rig
 from calib.world import RIGS_FILE, RigEntry, save_rigs, save_world
+from planview.progress import Progress, unseen
 from planview.synthetic.render import SceneRenderer
-from planview.synthetic.scene import Rig, Scene
+from planview.synthetic.scene import Rig, Scene, load_scene
 
 Storage = Literal["png", "jpg", "video"]
 TRUTH_HEADER = "frame,id,x_m,y_m,height_m,visible,facing_deg"
@@ -44,7 +44,7 @@ def write_recording(
     storage: Storage = "png",
     opencv: bool = False,
     world: bool = False,
-    done: Callable[[], None] = lambda: None,
+    progress: Progress = unseen,
 ) -> Written:
     """Render a scene into a new folder: ``left/`` and ``right/``, or the images of a single camera in it. Raises
     InputError: the folder is in use. WorkError: it cannot be written.
@@ -52,10 +52,9 @@ def write_recording(
     Args:
         storage: images losslessly, as JPEG, or as video.
         opencv, world: also write intrinsics.yml and extrinsics.yml, or world.toml, so that the floor need not be found.
-        done: called after each frame.
+        progress: called after each frame.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(f"{folder}: expected a new or empty folder for the recording, found one in use")
+    _refuse_used(folder)
     count = min(renderer.n_frames, frames or renderer.n_frames)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -69,14 +68,19 @@ def write_recording(
         if opencv and rig is not None:
             write_rig(rig, folder, "opencv")
         with (folder / "truth.csv").open("w") as truth, (folder / "timestamps.csv").open("w") as times:
-            rows = _write_frames(renderer, folder, count, storage, truth, times, done)
+            rows = _write_frames(renderer, folder, count, storage, truth, times, progress)
     except OSError as error:
         raise WorkError(f"{folder}: the recording could not be written: {reason(error)}") from error
     return Written(count, rows, folder)
 
 
+def _refuse_used(folder: Path) -> None:
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder}: in use; name a new or empty folder for the recording")
+
+
 def _write_frames(renderer: SceneRenderer, folder: Path, count: int, storage: Storage, truth: IO[str],
-                  times: IO[str], done: Callable[[], None]) -> int:  # fmt: skip
+                  times: IO[str], progress: Progress) -> int:  # fmt: skip
     single = renderer.rig is None
     truth.write(TRUTH_HEADER + (BOX_HEADER if single else "") + "\n")
     times.write("frame,timestamp_s\n")
@@ -110,7 +114,7 @@ def _write_frames(renderer: SceneRenderer, folder: Path, count: int, storage: St
                 cells += ["" if math.isnan(v) else f"{v:.1f}" for v in boxes]
                 truth.write(",".join(cells) + "\n")
             rows += len(frame.truth)
-            done()
+            progress(index + 1, count)
     finally:
         for video in videos:
             video.release()
@@ -162,13 +166,6 @@ def load_rig_scenes(path: Path) -> tuple[RigScene, ...]:
     return rigs_of(table, str(path)) if "mount" in table else ()
 
 
-def with_seed(sensors: tuple[RigScene, ...], seed: int | None) -> tuple[RigScene, ...]:
-    """The sensors of the same scene with another seed; unchanged without one."""
-    if seed is None:
-        return sensors
-    return tuple(RigScene(h.mount, h.scene.model_copy(update={"seed": seed})) for h in sensors)
-
-
 def write_rigs(
     sensors: tuple[RigScene, ...],
     folder: Path,
@@ -196,3 +193,32 @@ def write_rigs(
         entries.append(RigEntry(name, pose, sensor.mount.start_s - sensors[0].mount.start_s))
     save_rigs(entries, folder / RIGS_FILE, "true poses and clocks of a rendered scene")
     return written
+
+
+def render_scene(
+    path: Path,
+    folder: Path,
+    *,
+    frames: int | None = None,
+    scale: float = 1.0,
+    seed: int | None = None,
+    storage: Storage = "png",
+    opencv: bool = False,
+    world: bool = False,
+    progress: Progress = unseen,
+) -> Written:
+    """Render the scene of a file, of one with ``[[mount]]`` tables every sensor (see ``write_recording``); ``seed`` in
+    place of the scene's own."""
+    _refuse_used(folder)
+    other = {} if seed is None else {"seed": seed}
+    sensors = load_rig_scenes(path)
+    if sensors and (opencv or world):
+        raise InputError("opencv and world are for one sensor: of several, rigs.toml is always written")
+    if sensors:
+        scenes = tuple(RigScene(sensor.mount, sensor.scene.model_copy(update=other)) for sensor in sensors)
+        parts = write_rigs(scenes, folder, scale=scale, frames=frames, storage=storage)
+        return Written(sum(part.frames for part in parts), sum(part.truth_rows for part in parts), folder)
+    renderer = SceneRenderer(load_scene(path).model_copy(update=other), scale)
+    return write_recording(
+        renderer, folder, frames=frames, storage=storage, opencv=opencv, world=world, progress=progress
+    )

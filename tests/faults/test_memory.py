@@ -19,8 +19,8 @@ from planview.engine.config import Config
 from planview.engine.engine import Engine, FrameResult
 from planview.engine.open import engine_of
 from planview.engine.setup import set_up
-from planview.output.run import RunLog, RunOptions, run
-from planview.output.tables import MapsLog
+from planview.output.run import run
+from planview.output.run_spec import RunSpec
 from stereo.readers import open_recording
 from stereo.recording import Frame, Recording, Shot, StereoPair
 
@@ -61,8 +61,6 @@ def engine(tmp_path: Path) -> Engine:
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="resident memory is read from /proc")
 @pytest.mark.parametrize("logs", ["", "maps", "rrd"])
 def test_memory_of_a_long_run_does_not_grow(engine: Engine, tmp_path: Path, logs: str) -> None:
-    from planview.output.rerun_log import RerunLog
-
     resident: dict[int, int] = {}
 
     def watch(result: FrameResult) -> None:
@@ -70,11 +68,7 @@ def test_memory_of_a_long_run_does_not_grow(engine: Engine, tmp_path: Path, logs
             ctypes.CDLL(None).malloc_trim(0)  # what glibc keeps for itself is not kept by the run
             resident[result.frame] = int(Path("/proc/self/statm").read_text().split()[1])
 
-    made: list[RunLog] = []
-    if logs == "maps":
-        made.append(MapsLog(engine, tmp_path / "maps.h5"))
-    elif logs == "rrd":
-        made.append(RerunLog(engine, tmp_path / "run.rrd"))
-    run(engine, tmp_path / "out", RunOptions(checkpoint_every_s=10.0), made, watch)
+    spec = RunSpec(tmp_path / "out", maps=logs == "maps", rrd_every=int(logs == "rrd"), checkpoint_every_s=10.0)
+    run(engine, spec, [watch])
     before, after = resident.values()
     assert after <= before * (1 + GROWTH), f"{before} to {after} pages"

@@ -128,7 +128,7 @@ def test_a_walk_after_the_end_of_a_track_has_an_id_of_its_own_where_ids_are_walk
     boxes = np.tile([10.0, 10.0, 40.0, 170.0], (40, 1))
     table = positions_table(frame, np.ones(40, int), np.zeros((40, 2)), timestamp_s=frame / FPS, box_px=boxes)
     written = export(table, to, out=tmp_path / "export")
-    assert np.unique(load_file(written.path).table.track_id).tolist() == ids and written.people == 1
+    assert np.unique(load_file(written.value).table.track_id).tolist() == ids and written.values["people"] == 1
 
 
 FORMATS = "csv", "jsonl", "pedpy", "ped-data-archive", "jupedsim", "motchallenge", "parquet"
@@ -161,4 +161,4 @@ def test_nobody_is_counted_drawn_and_scored(command: str, cli: Cli, tmp_path: Pa
 def test_nobody_in_a_region_is_exported_at_the_rate_of_the_tracks(tracks: Path) -> None:
     away = "POLYGON ((50 50, 51 50, 51 51, 50 50))"
     written = export(tracks, "pedpy", region=away, out=tracks.with_name("t.txt"))
-    assert (written.rows, written.people, written.fps) == (0, 0, FPS)
+    assert [written.values[name] for name in ("rows", "people", "fps")] == [0, 0, FPS]

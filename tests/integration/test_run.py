@@ -21,6 +21,7 @@ from planview.engine.engine import Engine
 from planview.engine.open import open_engine
 from planview.output.folder import read_run_info
 from planview.output.run import run
+from planview.output.run_spec import RunSpec
 from planview.trajectories.table import read_tracks
 
 
@@ -94,7 +95,7 @@ def test_the_rerun_recording_passes_its_own_verification(folder: Path) -> None:
 
 
 def test_same_input_and_configuration_give_the_same_tracks(engine: Engine, folder: Path, tmp_path: Path) -> None:
-    run(engine, tmp_path)
+    run(engine, RunSpec(tmp_path))
     assert (tmp_path / "tracks.csv").read_bytes() == (folder / "tracks.csv").read_bytes()
 
 

@@ -30,6 +30,7 @@ from calib.types import U8
 from planview.engine.engine import FrameResult
 from planview.output.folder import read_run_info
 from planview.output.run import run
+from planview.output.run_spec import RunSpec
 from planview.trajectories.table import read_tracks
 from stereo.recording import OpenOptions
 
@@ -57,9 +58,9 @@ def test_a_span_of_frames_ends_where_it_says_however_many_are_unreadable(copy: P
     for n in (8, 9, 10, 17, 18):
         (copy / "left" / f"{n:06d}.png").write_bytes(b"no image")
     seen: list[int] = []
-    tracks = planview.run(copy, frames="9:16", watch=lambda result: seen.append(result.frame), quiet=True)
+    tracks = planview.run(copy, frames="9:16", watch=lambda result: seen.append(result.frame))
     assert (seen, tracks.tracked) == ([11, 12, 13, 14, 15, 16], (9, 16))
-    kept = planview.run(copy, frames="9:16", out=tmp_path / "out", quiet=True)
+    kept = planview.run(copy, frames="9:16", out=tmp_path / "out")
     info = read_run_info(tmp_path / "out" / "run.json")
     assert ([frame.index for frame in info.skipped], kept.tracked) == ([9, 10], (9, 16))
 
@@ -100,7 +101,7 @@ def test_frames_that_are_all_unusable_are_a_failure(engine, recording, tmp_path)
     nothing = same_parts(engine)
     nothing.recording = Empty()  # type: ignore[assignment]
     with pytest.raises(WorkError, match="none of 3 frames can be used"):
-        run(nothing, tmp_path)
+        run(nothing, RunSpec(tmp_path))
     assert not read_run_info(tmp_path / "run.json").finished
 
 
@@ -159,12 +160,10 @@ def test_a_full_disk_from_the_start_is_told(refused, copy, tiny_disk):
 
 
 def test_rerun_is_stopped_before_the_disk_is_full(engine, tmp_path, monkeypatch):
-    from planview.output import rerun_log
-
     room = iter([200 << 20] * 4 + [10 << 20] * 100)
     monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=next(room)))
     with pytest.raises(WorkError, match=r"run\.rrd: expected at least 64 MB of free disk, found 10"):
-        run(engine, tmp_path, logs=[rerun_log.RerunLog(engine, tmp_path / "run.rrd")])
+        run(engine, RunSpec(tmp_path, rrd_every=1))
     assert not read_run_info(tmp_path / "run.json").finished
     rerun = Path(sysconfig.get_path("scripts")) / "rerun"
     assert subprocess.run([rerun, "rrd", "verify", tmp_path / "run.rrd"], timeout=60).returncode == 0
@@ -208,10 +207,10 @@ def test_interruption_leaves_valid_files_and_says_so(recording, tmp_path):
     words = ["run", str(recording), "--out", str(out), "--set", FEW, "--rrd"]
     # Slow frames, so that the signal meets the run in its middle on any machine; background jobs of a shell ignore it.
     program = (
-        "import signal, time\nfrom planview.output.progress import FrameProgress\nfrom planview.cli import main\n"
+        "import signal, time\nfrom planview.commands.console import Bar\nfrom planview.cli import main\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "shown = FrameProgress.__call__\n"
-        "FrameProgress.__call__ = lambda self, result: (shown(self, result), time.sleep(0.2))[0]\n"
+        "shown = Bar.__call__\n"
+        "Bar.__call__ = lambda self, done, total: (shown(self, done, total), time.sleep(0.2))[0]\n"
         f"main({words!r})\n"
     )
     process = subprocess.Popen([sys.executable, "-c", program], stderr=subprocess.PIPE, text=True)

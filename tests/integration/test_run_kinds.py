@@ -21,8 +21,8 @@ from planview.engine.open import engine_of, open_engine
 from planview.maps.recording import MapsRecording
 from planview.output.folder import read_run_info
 from planview.output.report.page import write_report
-from planview.output.run import RunOptions, run
-from planview.output.tables import MapsLog
+from planview.output.run import run
+from planview.output.run_spec import RunSpec
 from planview.trajectories.table import read_tracks
 from stereo.readers import OpenOptions, open_recording
 from tests.human_model_world import CAMERA
@@ -35,7 +35,7 @@ def live(engine: Engine, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path
     """The folder of a run that saved its maps, and its results."""
     folder = tmp_path_factory.mktemp("live")
     results: list[FrameResult] = []
-    run(engine, folder, RunOptions(), [MapsLog(engine, folder / "maps.h5")], results.append)
+    run(engine, RunSpec(folder, maps=True), [results.append])
     return folder, results
 
 
@@ -150,7 +150,7 @@ def test_a_rig_without_a_frame_is_left_out_of_that_moment(sensors, engine):
 
 
 def test_check_looks_at_every_sensor_and_whether_they_agree(sensors):
-    checks = {check.name: check for check in planview.check(sensors, frames=8, set=[FEW]).checks}
+    checks = {check.name: check for check in planview.check(sensors, frames=8, overrides=[FEW]).value}
     assert {"left_one: floor share", "right_one: floor share"} <= checks.keys()
     assert checks["left_one and right_one: people apart"].value < 0.05
 

@@ -16,8 +16,6 @@ from toy_run import FEW
 
 from calib.errors import InputError
 from calib.types import F32, U8
-from planview.counting.rules import load_rules
-from planview.counting.stream import Analytics
 from planview.engine.config import load_config
 from planview.engine.engine import Engine, FrameResult
 from planview.engine.open import engine_of, open_engine
@@ -33,7 +31,8 @@ from planview.output.resume import (
     read_checkpoint,
     write_checkpoint,
 )
-from planview.output.run import RunOptions, run, run_identity
+from planview.output.run import run
+from planview.output.run_spec import RunSpec
 from planview.output.tables import MapsLog
 from planview.tracking.base import ImageTracker, Tracker
 from planview.tracking.detections import BoxTracker, DetectionParams, DetectionTracker
@@ -49,7 +48,7 @@ from stereo.matcher import Matcher
 RULES = (
     '[[zone]]\nname = "all"\npolygon_m = [[-9, -9], [9, -9], [9, 9], [-9, 9]]\nmin_age_s = 0.0\n'
     '[[queue]]\nname = "waiting"\nzone = "all"\n'
-    '[[tripwire]]\nname = "door"\nfrom_m = [-9, 1]\nto_m = [9, 1]\n'
+    '[[tripwire]]\nname = "door"\nfrom_m = [-9, 3]\nto_m = [9, 3]\n'
 )
 RESULTS = ("tracks.csv", "events.csv", "decisions.csv", "counts.json")
 FREQUENT_S = 1e-9
@@ -59,8 +58,8 @@ class StoppedError(Exception):
     """What ends a run in these tests."""
 
 
-def options_with(rules: Path) -> RunOptions:
-    return RunOptions(analytics=Analytics(load_rules(rules)), checkpoint_every_s=FREQUENT_S)
+def spec_with(rules: Path, out: Path, **others: Any) -> RunSpec:
+    return RunSpec(out, rules=rules, checkpoint_every_s=FREQUENT_S, **others)
 
 
 def stop_at(frame: int | None) -> object:
@@ -80,29 +79,27 @@ def rules(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     "stops", [pytest.param((2,), marks=pytest.mark.slow), (20,), pytest.param((5, 20), marks=pytest.mark.slow)]
 )
-def test_a_resumed_run_writes_what_an_uninterrupted_one_writes(engine, tmp_path, rules, stops, monkeypatch):
+def test_a_resumed_run_writes_what_an_uninterrupted_one_writes(engine, tmp_path, rules, stops, monkeypatch, recwarn):
     monkeypatch.setattr("planview.checks.examine.VALID_SHARE_MIN", 2.0)  # a warning with a value of all frames
-    alone, stopped = tmp_path / "alone", tmp_path / "stopped"
-    run(engine, alone, options_with(rules), [MapsLog(engine, folder_of(alone) / "maps.h5")])
+    alone = spec_with(rules, tmp_path / "alone", maps=True)
+    stopped = spec_with(rules, tmp_path / "stopped", maps=True)
+    run(engine, alone)
     with pytest.raises(StoppedError):
-        run(engine, stopped, options_with(rules), [MapsLog(engine, folder_of(stopped) / "maps.h5")], stop_at(stops[0]))
-    assert read_run_info(stopped / "run.json").state == "interrupted"
+        run(engine, stopped, [stop_at(stops[0])])
+    assert read_run_info(stopped.folder / "run.json").state == "interrupted"
 
-    output: list[str] = []
     for stop in (*stops[1:], None):
-        options = options_with(rules)
-        checkpoint = checkpoint_of(stopped, run_identity(engine, options, ["MapsLog"]), output.append)
-        assert checkpoint is not None
-        log = MapsLog(engine, stopped / "maps.h5", checkpoint.written["logs"]["MapsLog"])
+        assert checkpoint_of(stopped.folder, stopped.identity(engine)) is not None
         with suppress(StoppedError):
-            info = run(engine, stopped, options, [log], stop_at(stop), checkpoint)
-    assert output == []
+            info = run(engine, replace(stopped, resume=True), [stop_at(stop)])
+    assert not [one for one in recwarn if "run starts again" in str(one.message)]
     assert (info.state, info.frames_read) == ("finished", engine.recording.n_frames)
     for name in RESULTS:
-        assert (stopped / name).read_bytes() == (alone / name).read_bytes()
-    assert '"all"' in (stopped / "counts.json").read_text()
-    assert outcome(stopped) == outcome(alone) and "valid disparity" in str(outcome(alone)["warnings"])
-    assert {file.name for file in stopped.iterdir()} == {file.name for file in alone.iterdir()}
+        assert (stopped.folder / name).read_bytes() == (alone.folder / name).read_bytes()
+    assert '"all"' in (stopped.folder / "counts.json").read_text()
+    assert "valid disparity" in str(outcome(alone.folder)["warnings"])
+    assert outcome(stopped.folder) == outcome(alone.folder)
+    assert {file.name for file in stopped.folder.iterdir()} == {file.name for file in alone.folder.iterdir()}
 
 
 def outcome(folder: Path) -> dict[str, Any]:
@@ -110,26 +107,21 @@ def outcome(folder: Path) -> dict[str, Any]:
     return read_run_info(folder / "run.json").model_dump(exclude={"started_at", "elapsed_s", "stages_ms"})
 
 
-def test_a_second_run_with_the_same_rules_counts_from_the_beginning(engine, tmp_path, rules):
-    options = options_with(rules)
-    assert run(engine, tmp_path / "whole", options).counts["rules"]["all"]["people"] > 0
-    options.last_frame = 2  # before anybody is confirmed
-    assert run(engine, tmp_path / "few", options).counts["rules"]["all"]["people"] == 0
-
-
-def folder_of(folder: Path) -> Path:
-    folder.mkdir(exist_ok=True)
-    return folder
+def test_a_run_of_few_frames_counts_from_the_beginning(engine, tmp_path, rules):
+    whole = spec_with(rules, tmp_path / "whole")
+    assert run(engine, whole).counts["rules"]["all"]["people"] > 0
+    few = replace(whole, out=tmp_path / "few", last_frame=2)  # before anybody is confirmed
+    assert run(engine, few).counts["rules"]["all"]["people"] == 0
 
 
 @pytest.mark.parametrize("change", [lambda text: "frame\n", lambda text: text.replace(",confirmed,", ",tentative,")])
 def test_a_table_that_was_changed_since_the_checkpoint_is_not_resumed_from(engine, tmp_path, rules, change):
     with pytest.raises(StoppedError):
-        run(engine, tmp_path, options_with(rules), (), stop_at(30))
+        run(engine, spec_with(rules, tmp_path), [stop_at(30)])
     (tmp_path / "tracks.csv").write_text(change((tmp_path / "tracks.csv").read_text()))
-    output: list[str] = []
-    assert checkpoint_of(tmp_path, run_identity(engine, options_with(rules), []), output.append) is None
-    assert [text.count("changed since") for text in output] == [1, 0]
+    with pytest.warns(UserWarning, match="changed since|starts again") as output:
+        assert checkpoint_of(tmp_path, spec_with(rules, tmp_path).identity(engine)) is None
+    assert [str(one.message).count("changed since") for one in output] == [1, 0]
 
 
 def test_another_recording_or_option_is_not_resumed_with(cli, refused, copy, tmp_path):
@@ -169,24 +161,24 @@ def test_a_run_with_a_part_that_cannot_be_identified_writes_no_checkpoints(engin
         "tracker": lambda: engine_with(engine, tracker=OwnTracker()),
         "by hand": lambda: Engine(engine.recording, engine.config, engine.sensors, JointTracker()),
     }[part]()
-    options = RunOptions(last_frame=1, checkpoint_every_s=FREQUENT_S)
+    spec = RunSpec(tmp_path, last_frame=1, checkpoint_every_s=FREQUENT_S)
     with pytest.warns(UserWarning, match="writes no checkpoints: .* has no attribute 'identity'"):
-        run(own, tmp_path, options)
+        run(own, spec)
     with pytest.raises(UnidentifiedError):
-        run_identity(own, options, [])
+        spec.identity(own)
 
 
 def test_the_parts_of_the_users_own_are_named_in_run_json(engine, tmp_path):
     tracker = OwnTracker()
     tracker.identity = "v2"
-    run(engine_with(engine, OwnMatcher(), tracker), tmp_path, RunOptions(last_frame=0))
+    run(engine_with(engine, OwnMatcher(), tracker), RunSpec(tmp_path, last_frame=0))
     info = read_run_info(tmp_path / "run.json")
     assert (info.tracker, info.own_parts) == ("OwnTracker", {"matcher": "OwnMatcher", "tracker": "OwnTracker v2"})
 
 
 def stop_with_matcher(engine: Engine, folder: Path, identity: str, **options: Any) -> None:
     with pytest.raises(StoppedError):
-        run(engine_with(engine, OwnMatcher(identity)), folder, RunOptions(**options), (), stop_at(3))
+        run(engine_with(engine, OwnMatcher(identity)), RunSpec(folder, **options), [stop_at(3)])
 
 
 @pytest.mark.parametrize("every_s", [FREQUENT_S, 0.0])
@@ -194,40 +186,40 @@ def test_another_matcher_or_none_does_not_resume_a_run(engine, tmp_path, every_s
     stop_with_matcher(engine, tmp_path, "one", checkpoint_every_s=every_s)
     for other in (engine, engine_with(engine, OwnMatcher("two"))):
         with pytest.raises(InputError, match=r"another part \(matcher\)"):
-            checkpoint_of(tmp_path, run_identity(other, RunOptions(), []), print)
+            checkpoint_of(tmp_path, RunSpec(tmp_path).identity(other))
 
 
 def test_a_matcher_with_the_same_identity_resumes_a_run(engine, tmp_path):
     stop_with_matcher(engine, tmp_path, "one", checkpoint_every_s=FREQUENT_S)
     again = engine_with(engine, OwnMatcher("one"))
-    assert checkpoint_of(tmp_path, run_identity(again, RunOptions(), []), print) is not None
+    assert checkpoint_of(tmp_path, RunSpec(tmp_path).identity(again)) is not None
 
 
 def test_a_run_of_another_part_of_the_recording_is_not_begun_again(engine, tmp_path):
     with pytest.raises(StoppedError):
-        run(engine, tmp_path, RunOptions(first_frame=2), (), stop_at(5))
+        run(engine, RunSpec(tmp_path, first_frame=2), [stop_at(5)])
     with pytest.raises(InputError, match=r"another settings \(first_frame\)"):
-        checkpoint_of(tmp_path, run_identity(engine, RunOptions(), []), print)
+        checkpoint_of(tmp_path, RunSpec(tmp_path).identity(engine))
 
 
 def test_a_run_resumes_with_new_files_next_to_its_images_and_with_its_rules_under_another_name(copy, tmp_path, rules):
     config = load_config(None, [FEW])
     with pytest.raises(StoppedError):
-        run(open_engine(copy, config=config), tmp_path / "out", options_with(rules), (), stop_at(5))
+        run(open_engine(copy, config=config), spec_with(rules, tmp_path / "out"), [stop_at(5)])
     (copy / "README.md").write_text("# What this is\n")
     (copy / "notes.txt").write_text("rain\n")
     (copy / "hall.jpg").write_bytes(b"a picture of the place")
     (copy / "loop").symlink_to(".")
     renamed = rules.rename(rules.with_name("door.toml"))
-    identity = run_identity(open_engine(copy, config=config), options_with(renamed), [])
-    assert checkpoint_of(tmp_path / "out", identity, print) is not None
+    identity = spec_with(renamed, tmp_path / "out").identity(open_engine(copy, config=config))
+    assert checkpoint_of(tmp_path / "out", identity) is not None
 
 
 def test_another_image_or_calibration_is_another_recording(copy: Path, tmp_path: Path) -> None:
     config = load_config(None, [FEW])
 
     def identity() -> dict[str, dict[str, object]]:
-        return run_identity(open_engine(copy, config=config), RunOptions(), [])
+        return RunSpec().identity(open_engine(copy, config=config))
 
     before = identity()
     assert difference(before, identity()) == ""
@@ -303,19 +295,12 @@ def rows_of(recording: Path) -> dict[tuple[str, int | None], dict[str, object]]:
 
 @pytest.mark.slow
 def test_the_rerun_recording_of_a_run_stopped_twice_shows_what_one_left_alone_shows(engine, tmp_path, rules):
-    from planview.output.rerun_log import RerunLog
-
-    out, alone = tmp_path / "out", tmp_path / "alone"
-    out.mkdir()
-    alone.mkdir()
-    run(engine, alone, options_with(rules), [RerunLog(engine, alone / "run.rrd")])
-    options, checkpoint = options_with(rules), None
+    out = tmp_path / "out"
+    alone = tmp_path / "alone"
+    run(engine, spec_with(rules, alone, rrd_every=1))
     for frame in (12, 24, None):
-        logs = [RerunLog(engine, out / "run.rrd", resumed=checkpoint is not None)]
         with suppress(StoppedError):
-            run(engine, out, options, logs, stop_at(frame), checkpoint)
-        identity = run_identity(engine, options_with(rules), ["RerunLog"])
-        checkpoint = checkpoint_of(out, identity, print) if frame else None
+            run(engine, spec_with(rules, out, rrd_every=1, resume=frame != 12), [stop_at(frame)])
     assert len(rrd_parts(out / "run.rrd")) == 3
     assert rows_of(out / "run.rrd") == rows_of(alone / "run.rrd")
 

@@ -15,7 +15,7 @@ from toy_stereo import walking
 from planview.cli import main
 from planview.engine.engine import Engine
 from planview.output.run import run
-from planview.output.tables import MapsLog
+from planview.output.run_spec import RunSpec
 
 TRUTH = "frame,id,x_m,y_m,height_m\n" + "".join(
     f"{i},1,{walking(i - EMPTY)[0].x_m:.3f},{walking(i - EMPTY)[0].y_m:.3f},1.75\n" for i in range(EMPTY, FRAMES)
@@ -35,7 +35,7 @@ def worker() -> Iterator[None]:
 def toy_maps(engine: Engine, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The plan-view recording of the toy recording."""
     folder = tmp_path_factory.mktemp("maps")
-    run(engine, folder, None, [MapsLog(engine, folder / "maps.h5")])
+    run(engine, RunSpec(folder, maps=True))
     return folder / "maps.h5"
 
 

@@ -12,7 +12,7 @@ import pytest
 from distributed import LocalCluster
 
 from planview.output.run import run
-from planview.output.tables import MapsLog
+from planview.output.run_spec import RunSpec
 
 pytestmark = pytest.mark.slow
 JOBS = 8
@@ -31,8 +31,7 @@ def kill_one_at_work(out: Path) -> None:
 
 @pytest.mark.parametrize("where", ["here", "on a cluster"])
 def test_study_finishes_when_a_worker_is_killed(where, cli, engine, tmp_path):
-    (tmp_path / "a").mkdir()
-    run(engine, tmp_path / "live", None, [MapsLog(engine, tmp_path / "a" / "maps.h5")])
+    run(engine, RunSpec(tmp_path / "a", maps=True))
     path, out = tmp_path / "study.toml", tmp_path / "study"
     path.write_text(f'recordings = ["a/maps.h5"]\nseeds = {list(range(JOBS))}\n')
     killer = threading.Thread(target=kill_one_at_work, args=(out,), daemon=True)

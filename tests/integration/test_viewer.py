@@ -121,7 +121,7 @@ def opened(monkeypatch) -> list[Opened]:
 def test_a_run_that_is_refused_opens_no_viewer(engine, opened, refused_by, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises((InputError, WorkError)):
-        planview.run(engine, view=True, quiet=True, **refused_by)
+        planview.run(engine, view=True, **refused_by)
     assert opened == []
 
 

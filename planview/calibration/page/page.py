@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import logging
 import math
+import socket
 import tempfile
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
@@ -25,6 +27,7 @@ from calib.types import U8
 from planview.calibration.page.overlay import overlay
 from planview.calibration.page.session import GRAB_PX, CalibrationSession, Tool
 
+log = logging.getLogger(__name__)
 VIEWER = Path(__file__).with_name("viewer.html")
 """What the browser runs: zoom, pan, loupe."""
 LENSES = {"": "try all lenses", **{lens: lens for lens in LENS_K_320}}
@@ -380,6 +383,17 @@ class SameOriginOnly:
             await send({"type": "websocket.close", "code": 1008})
 
 
+def refuse_used(port: int) -> None:
+    """Raise InputError for a port on which another program listens."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError as error:
+            problem = f"{port} is in use by another program; choose another, e.g. {port + 1}"
+            raise InputError(problem, argument="port") from error
+
+
 def serve(session: CalibrationSession, folder: Path, port: int) -> None:
     """Serve the page on this machine only, until interrupted."""
 
@@ -388,6 +402,8 @@ def serve(session: CalibrationSession, folder: Path, port: int) -> None:
         Page(session, folder)
 
     app.add_middleware(SameOriginOnly, port=port)
+    # A warning is seen where nobody has set up logging.
+    log.warning("open http://127.0.0.1:%d/ in a browser; Ctrl-C ends", port)
     ui.run(host="127.0.0.1", port=port, show=False, reload=False, title="planview", show_welcome_message=False)
 
 

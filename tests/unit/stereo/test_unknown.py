@@ -11,7 +11,7 @@ from calib.errors import InputError
 from calib.formats import load_rig
 from calib.formats.devices import _socket
 from calib.rig import save_rig
-from planview.api.view import refuse_broken
+from planview.output.viewer import refuse_broken
 from stereo.readers import OpenOptions, find_layout, open_recording
 
 DEEP = np.full((24, 32), 2000, np.uint16)

@@ -24,8 +24,8 @@ def test_options_of_a_command_are_arguments_of_the_function_of_its_name(words: l
     command = make_app()[words[0]] if len(words) == 1 else make_app()["calibrate"][words[1]]
     options = {argument.field_info.name for argument in command.assemble_argument_collection()}
     arguments = inspect.signature(function).parameters
-    assert options - {"json", "all", "print_config"} <= arguments.keys()
-    assert arguments.keys() - options <= {"camera", "matcher", "watch"}
+    assert options - {"json", "all", "print_config", "quiet"} <= arguments.keys()
+    assert arguments.keys() - options <= {"camera", "matcher", "watch", "progress"}
 
 
 def test_parameters_are_tables_or_dotted_names_or_a_file_changed_by_set(tmp_path: Path) -> None:
@@ -45,7 +45,7 @@ def test_frames_are_the_first_or_from_one_to_another(
 
 
 def test_arguments_at_the_beginning_of_a_sentence_are_shown_as_options() -> None:
-    assert typed(InputError("image_size=: expected WxH")) == "--image-size: expected WxH"
+    assert typed(InputError("image_size=: expected WxH"), {}) == "--image-size: expected WxH"
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """The folder of a run: files, maps, progress."""
 
-import io
 import math
 import os
 import subprocess
@@ -12,9 +11,6 @@ from pathlib import Path
 import pytest
 from cli import Cli, JsonOf
 from full_disk import fill_disk_after
-from numba import njit
-from rich.console import Console
-from rich.table import Table
 
 from calib.errors import InputError, WorkError
 from calib.ground_camera import GroundCamera
@@ -29,7 +25,6 @@ from planview.output.folder import (
     refuse_held,
     write_run_info,
 )
-from planview.output.progress import PlainConsole, compile_notice
 from planview.output.run_folder import RunFolder
 from planview.output.tables import FrameFile
 from planview.trajectories.table import people_of
@@ -206,32 +201,6 @@ def test_results_that_another_call_holds_are_not_changed(street: Path, refused, 
         command, *options = words
         assert "is writing into it" in refused(command, street, *options)
         assert {file.name: file.read_bytes() for file in street.iterdir()} == before
-
-
-def test_compiled_kernels_are_announced_and_cached_ones_are_not() -> None:
-    kernel = njit(lambda x: x + 1)
-    text = io.StringIO()
-    with compile_notice(Console(file=text)):
-        kernel(1)
-    assert "once per installation" in text.getvalue()
-    text = io.StringIO()
-    with compile_notice(Console(file=text)):
-        kernel(1)
-    assert text.getvalue() == ""
-
-
-EVIL = "out\x1b]0;owned\x07\x1b[31m[bold]x[/]:car:\udcff"
-
-
-def test_console_shows_escape_codes_and_markup_of_names_as_text() -> None:
-    file = io.StringIO()
-    console = PlainConsole(file=file, force_terminal=True, width=200, color_system=None)
-    table = Table(show_header=False, box=None)
-    table.add_row("results", EVIL)
-    console.print(EVIL)
-    console.print(table)
-    assert "\x1b" not in file.getvalue() and "\x07" not in file.getvalue()
-    assert file.getvalue().count("\\x1b[31m[bold]x[/]:car:\\udcff") == 2
 
 
 def test_person_is_confirmed_for_half_a_second(street: Path) -> None:

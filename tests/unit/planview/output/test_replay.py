@@ -28,8 +28,9 @@ from planview.output.render import tally
 from planview.output.replay import difference_text, replay_run
 from planview.output.report.page import write_report
 from planview.output.rerun_shapes import MAP_LAYERS, facing_shapes, mosaic, outlines
-from planview.output.run import RunOptions, run
+from planview.output.run import run
 from planview.output.run_folder import RunFolder
+from planview.output.run_spec import RunSpec
 from planview.output.viewer import quiet_environment
 from planview.trajectories.plot import person_rgb
 from planview.trajectories.state import TrackState
@@ -50,7 +51,7 @@ def ellipses(street: Path, tmp_path: Path) -> Path:
         cv2.imwrite(str(file), image)
     out = tmp_path / "ellipses"
     out.mkdir()
-    run(open_engine(video, TRACKER, options=OpenOptions(fps=30.0)), out, RunOptions())
+    run(open_engine(video, TRACKER, options=OpenOptions(fps=30.0)), RunSpec(out))
     return out
 
 
@@ -139,7 +140,7 @@ def test_without_a_floor_there_is_no_plan_of_it(street, tmp_path):
     rows = "".join(f"{n},{n / 10:.4f},4,,,,confirmed,20,10,20,60\n" for n in range(30))
     header = "frame,timestamp_s,id,x_m,y_m,height_m,state,left_px,top_px,width_px,height_px\n"
     (street / "tracks.csv").write_text(header + rows)
-    render(street, "--frame", "4", "--png", tmp_path / "still.png", "--no-truth")
+    render(street, "--frame", "4", "--out", tmp_path / "still.png", "--no-truth")
     picture = cv2.imread(str(tmp_path / "still.png"))
     assert picture.shape[1] == 640
     page = write_report(street).read_text()
@@ -147,7 +148,7 @@ def test_without_a_floor_there_is_no_plan_of_it(street, tmp_path):
 
 
 def test_still_shows_the_image_and_the_floor(street, tmp_path):
-    render(street, "--frame", "4", "--png", tmp_path / "still.png", "--no-truth")
+    render(street, "--frame", "4", "--out", tmp_path / "still.png", "--no-truth")
     picture = cv2.imread(str(tmp_path / "still.png"))
     assert picture.shape[1] == 640 + 360
     people = (picture == as_bgr(person_rgb(4))).all(axis=2)
@@ -165,7 +166,7 @@ def test_floor_alone_is_drawn_when_the_recording_is_gone(street, tmp_path, capsy
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        (["--frame", "30"], "--frame"), (["--out", "x.png"], "--frame"), (["--video", "x.txt"], "x.txt"),
+        (["--frame", "30"], "--frame"), (["--out", "x.png"], "--frame"), (["--out", "x.txt"], "x.txt"),
         (["--frames", "9:3"], "--frames"), (["--frames", "40:50"], "frames from 40"), (["--every", "0"], "--every"),
     ],
 )  # fmt: skip
@@ -192,7 +193,7 @@ def test_viewer_sends_no_statistics(monkeypatch):
     assert quiet_environment()["CI"] == "1" and "FORCE_RERUN_ANALYTICS" not in quiet_environment()
 
 
-def test_web_view_listens_on_this_machine_only(tmp_path, monkeypatch, capsys):
+def test_web_view_listens_on_this_machine_only(tmp_path, monkeypatch, caplog):
     called: list[list[str]] = []
 
     def started(words: list[str], **_: object) -> SimpleNamespace:
@@ -204,7 +205,7 @@ def test_web_view_listens_on_this_machine_only(tmp_path, monkeypatch, capsys):
     (tmp_path / "run.rrd").write_bytes(b"RRF2" + bytes([major, minor, 0, 0]) + b"RRF2FOOT" + bytes(4))
     view(tmp_path, web=True, web_port=9191)
     assert called[0][1:3] == ["--bind", "127.0.0.1"] and "--serve-web" in called[0]
-    assert "http://127.0.0.1:9191" in capsys.readouterr().err
+    assert "http://127.0.0.1:9191" in caplog.text
 
 
 def test_viewer_and_what_it_started_end_with_the_command(tmp_path):

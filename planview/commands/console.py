@@ -1,15 +1,16 @@
-"""Messages of a run on the terminal."""
+"""What commands draw on the terminal: messages, how far the work is, and a table about a run."""
 
 from __future__ import annotations
 
-import io
+import logging
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from rich.console import Console, RenderableType
+from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
@@ -17,21 +18,76 @@ from rich.text import Text
 from calib.errors import printable
 from planview.output.folder import RunInfo
 
-if TYPE_CHECKING:
-    from planview.engine.engine import FrameResult
-
 
 class PlainConsole(Console):
     """Console that shows control characters, since a folder's name may hold escape codes; no markup unless asked, and
     no emoji for what stands between colons."""
 
-    def __init__(self, *, markup: bool = False, quiet: bool = False, **options: Any) -> None:
-        if quiet:  # a notebook would show an empty widget
-            options["force_jupyter"] = False
-        super().__init__(markup=markup, emoji=False, quiet=quiet, **options)
+    def __init__(self, *, markup: bool = False, **options: Any) -> None:
+        super().__init__(markup=markup, emoji=False, **options)
 
     def render_str(self, text: str, **options: Any) -> Text:
         return super().render_str(printable(text), **options)
+
+
+class Bar(Progress):
+    """What is being done and how much of it, with its rate and the time that is left."""
+
+    def __init__(self, console: Console) -> None:
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[rate]}"),
+            TimeRemainingColumn(),
+        )
+        super().__init__(*columns, console=console, transient=True, disable=not console.is_terminal)
+        self.begin("working")
+
+    def begin(self, what: str) -> None:
+        """Draw other work from its beginning."""
+        for task in self.task_ids:
+            self.remove_task(task)
+        self._task = self.add_task(what, total=None, rate="")
+
+    def __call__(self, done: int, total: int | None) -> None:
+        elapsed_s = self.tasks[0].elapsed
+        rate = f"{done / elapsed_s:.1f} per second" if elapsed_s else ""
+        self.update(self._task, completed=done, total=total, rate=rate)
+
+
+class _Shown(logging.Handler):
+    """Shows what the library logs: what it does next on the bar, anything else as a line."""
+
+    def __init__(self, bar: Bar) -> None:
+        super().__init__()
+        self._bar = bar
+
+    def emit(self, record: logging.LogRecord) -> None:
+        message = record.getMessage()
+        if record.levelno == logging.DEBUG:
+            self._bar.begin(message)
+        elif record.levelno == logging.INFO:
+            self._bar.console.print(message, highlight=False, soft_wrap=True)
+        else:
+            print(printable(message), file=sys.stderr)
+
+
+@contextmanager
+def drawing(*, quiet: bool = False) -> Iterator[Bar]:
+    """Draw how far the work is, and show what it logs, until the block ends; with ``quiet`` warnings alone."""
+    logger = logging.getLogger("planview")
+    level = logger.level
+    bar = Bar(PlainConsole(stderr=True, quiet=quiet))
+    handler = _Shown(bar)
+    logger.addHandler(handler)
+    logger.setLevel(logging.DEBUG)
+    try:
+        with bar:
+            yield bar
+    finally:
+        logger.setLevel(level)
+        logger.removeHandler(handler)
 
 
 EVERY_S = 5.0
@@ -39,9 +95,11 @@ EVERY_S = 5.0
 
 
 @contextmanager
-def compile_notice(console: Console) -> Iterator[None]:
-    """Print a line when the first kernel is compiled, and every EVERY_S while more are; none when all are cached."""
+def compile_notice() -> Iterator[None]:
+    """Log a line when the first kernel is compiled, and every EVERY_S while more are; none when all are cached."""
     from numba.core.event import Event, Listener, install_listener  # half a second, which only a run pays
+
+    log = logging.getLogger(__name__)
 
     class Lines(Listener):
         kernels = 0
@@ -57,36 +115,11 @@ def compile_notice(console: Console) -> Iterator[None]:
                 self.show(f"compiling kernels: {self.kernels} so far")
 
         def show(self, text: str) -> None:
-            console.print(text, highlight=False)
+            log.info(text)
             self.last_s = time.monotonic()
 
     with install_listener("numba:compile", Lines()):
         yield
-
-
-class FrameProgress(Progress):
-    """A bar with frames per second, remaining time and the people in view; call it with every frame."""
-
-    def __init__(self, console: Console, n_frames: int | None, first: int = 0) -> None:
-        super().__init__(
-            TextColumn("tracking"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[rate]}"),
-            TimeRemainingColumn(),
-            TextColumn("{task.fields[people]}"),
-            console=console,
-        )
-        self._frames = 0
-        self._first = first
-        self._task = self.add_task("tracking", total=n_frames, rate="", people="")
-
-    def __call__(self, result: FrameResult) -> None:
-        people = sum(track.state == "confirmed" for track in result.tracks)
-        self._frames += 1
-        elapsed_s = self.tasks[0].elapsed
-        rate = f"{self._frames / elapsed_s:.1f} frames/s" if elapsed_s else ""
-        self.update(self._task, completed=result.frame + 1 - self._first, rate=rate, people=f"{people} in view")
 
 
 def summary(console: Console, info: RunInfo, folder: Path) -> None:
@@ -117,11 +150,3 @@ def summary(console: Console, info: RunInfo, folder: Path) -> None:
     for warning in info.warnings:
         table.add_row("warning", warning.text)
     console.print(table)
-
-
-def as_text(renderable: RenderableType) -> str:
-    """Text that a console would print, as plain text for ``repr``, also in a notebook."""
-    file = io.StringIO()
-    console = PlainConsole(file=file, width=120, highlight=False, force_jupyter=False, force_terminal=False)
-    console.print(renderable)
-    return file.getvalue().rstrip()

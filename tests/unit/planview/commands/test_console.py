@@ -1,0 +1,63 @@
+"""What commands draw: messages, lines about what is done, and a bar."""
+
+import io
+import logging
+
+import pytest
+from numba import njit
+from rich.table import Table
+
+from planview.commands.console import PlainConsole, compile_notice, drawing
+
+LOG = logging.getLogger("planview.somewhere")
+
+
+def test_messages_of_the_library_are_lines_and_what_it_does_is_drawn_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    with drawing() as bar:
+        LOG.debug("tracking")
+        bar(3, 10)
+        LOG.info("the run is finished")
+    assert capsys.readouterr().err.strip() == "the run is finished"
+
+
+def test_quiet_drawing_shows_addresses_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    with drawing(quiet=True):
+        LOG.info("the run is finished")
+        LOG.warning("open http://127.0.0.1:9090/")
+    assert capsys.readouterr().err.strip() == "open http://127.0.0.1:9090/"
+
+
+def test_library_is_silent_after_drawing(capsys: pytest.CaptureFixture[str]) -> None:
+    with drawing():
+        pass
+    LOG.info("the run is finished")
+    assert capsys.readouterr().err == ""
+
+
+def test_kernels_that_are_compiled_are_announced(caplog: pytest.LogCaptureFixture) -> None:
+    kernel = njit(lambda x: x + 1)
+    with caplog.at_level(logging.INFO), compile_notice():
+        kernel(1)
+    assert "once per installation" in caplog.text
+
+
+def test_kernels_that_are_cached_are_not_announced(caplog: pytest.LogCaptureFixture) -> None:
+    kernel = njit(lambda x: x + 1)
+    kernel(1)
+    with caplog.at_level(logging.INFO), compile_notice():
+        kernel(1)
+    assert caplog.text == ""
+
+
+EVIL = "out\x1b]0;owned\x07\x1b[31m[bold]x[/]:car:\udcff"
+
+
+def test_console_shows_escape_codes_and_markup_of_names_as_text() -> None:
+    file = io.StringIO()
+    console = PlainConsole(file=file, force_terminal=True, width=200, color_system=None)
+    table = Table(show_header=False, box=None)
+    table.add_row("results", EVIL)
+    console.print(EVIL)
+    console.print(table)
+    assert "\x1b" not in file.getvalue() and "\x07" not in file.getvalue()
+    assert file.getvalue().count("\\x1b[31m[bold]x[/]:car:\\udcff") == 2
