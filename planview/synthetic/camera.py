@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -92,14 +92,20 @@ def mount_pose(mount: Mount) -> SE3:
 
 def stereo_rig(mount: Rig) -> StereoRig:
     """The rig's true calibration."""
-    size = mount.width, mount.height
-    focal_px = mount.focal_px, mount.focal_px * mount.aspect
+    off_x, off_y = mount.centre_offset_px
     centre_x = (mount.width - 1) / 2
     centre_y = (mount.height - 1) / 2
-    off_x, off_y = mount.centre_offset_px
+    left = Camera(
+        mount.width,
+        mount.height,
+        mount.focal_px,
+        mount.focal_px * mount.aspect,
+        centre_x + off_x,
+        centre_y + off_y,
+        distortion=tuple(mount.distortion),
+    )
     right_distortion = tuple(0.97 * coefficient for coefficient in mount.distortion)
-    left = Camera(*size, *focal_px, centre_x + off_x, centre_y + off_y, "brown", tuple(mount.distortion))
-    right = Camera(*size, *focal_px, centre_x - off_x, centre_y - off_y, "brown", right_distortion)
+    right = replace(left, cx=centre_x - off_x, cy=centre_y - off_y, distortion=right_distortion)
     left_SE3_right = SE3.from_rotvec(np.deg2rad(mount.right_rotation_deg), [mount.baseline_m, *mount.right_offset_m])
     return StereoRig(left, right, left_SE3_right.inverse(), "rendered")
 

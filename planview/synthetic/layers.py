@@ -18,7 +18,7 @@ from planview.synthetic.light import (
     Tracer,
     ball_samples,
     hemisphere,
-    mirrored,
+    mirror_rays,
     openness,
     surfaces,
     visibility,
@@ -94,14 +94,14 @@ class ViewRenderer:
         glossy = np.flatnonzero(at.gloss > 0)
         if len(glossy) == 0:
             return
-        onward = mirrored(rays[hit], at)[glossy]
+        onward = mirror_rays(rays[hit], at)[glossy]
         mirror_hit, mirror_at = self._see(onward, self._pixel_rad)
         weight = share * at.gloss[glossy][mirror_hit]
         self._add(self._mirror, hit[glossy][mirror_hit], mirror_at, weight, k)
 
     def _see(self, rays: F32, pixel_rad: float) -> tuple[I64, Surfaces]:
         hits = self._solid.cast(rays)
-        hit = np.flatnonzero(hits.found)
+        hit = np.flatnonzero(hits.is_hit)
         return hit, surfaces(hits, self._static, rays, self._palette, pixel_rad, hit)
 
     def _add(self, stack: LightStack, index: I64, at: Surfaces, weight: F32, k: int) -> None:
@@ -109,7 +109,7 @@ class ViewRenderer:
         stack.add(index, at, weight, self._shader.open_share(at, k), lamps)
 
     def _keep_centres(self) -> None:
-        """What compositing, shadows and mirroring need to know of the pixel centres."""
+        """Store what compositing, shadows and mirroring need of the pixel centres."""
         self._depth = self._solid.cast(self._rays).depth
         hit, at = self._see(self._rays, self._pixel_rad)
         self._points = np.zeros((len(self._rays), 3), np.float32)
@@ -119,7 +119,7 @@ class ViewRenderer:
         glossy = np.flatnonzero(at.gloss > 0)
         self._glossy = hit[glossy]
         self._gloss = at.gloss[glossy]
-        self._onward = mirrored(self._rays[hit], at)[glossy]
+        self._onward = mirror_rays(self._rays[hit], at)[glossy]
         self._onward_depth = self._solid.cast(self._onward).depth
 
     def room_mean(self) -> float:
@@ -134,8 +134,8 @@ class ViewRenderer:
         alone = []
         boxes = []
         for k, (index, hits) in enumerate(silhouettes):
-            alone.append(int(hits.found.sum()))
-            boxes.append(self._box(index[hits.found]))
+            alone.append(int(hits.is_hit.sum()))
+            boxes.append(self._box(index[hits.is_hit]))
             shown = np.flatnonzero(owner[index] == k + 1)
             if len(shown):
                 at = surfaces(hits, actors[k].mesh, self._rays[index], self._palette, self._pixel_rad, shown)
@@ -179,7 +179,8 @@ class ViewRenderer:
         low = mesh.vertices.min(axis=0) - CONTACT_M
         high = mesh.vertices.max(axis=0) + CONTACT_M
         points = self._points[index]
-        near = np.flatnonzero(((points > low) & (points < high)).all(axis=1))
+        is_near = ((points > low) & (points < high)).all(axis=1)
+        near = np.flatnonzero(is_near)
         seen = np.ones(len(index), np.float32)
         seen[near] = openness(moving, points[near], self._normals[index[near]], hemisphere(8, 0))
         return self._enlarge(seen, CONTACT_STEP)
@@ -207,7 +208,8 @@ class ViewRenderer:
         # Only the rims of shadows need more than the lamp's centre.
         hard = seen.reshape(self._coarse_shape(SHADOW_STEP))
         kernel = np.ones((PENUMBRA, PENUMBRA), np.uint8)
-        is_rim = (cv2.dilate(hard, kernel) != cv2.erode(hard, kernel)).ravel() & is_lit
+        changes = cv2.dilate(hard, kernel) != cv2.erode(hard, kernel)
+        is_rim = changes.ravel() & is_lit
         seen[is_rim] = self._visibility(lamp, index[is_rim], 6, moving)
         return self._enlarge(seen, SHADOW_STEP)
 

@@ -43,7 +43,7 @@ class Hits:
     v: F32
 
     @property
-    def found(self) -> Bool:
+    def is_hit(self) -> Bool:
         return self.triangle >= 0
 
     def interpolate(self, mesh: Mesh, values: F32, chosen: np.ndarray[Any, Any]) -> F32:
@@ -74,7 +74,9 @@ class Tracer:
         """First hits of rays (N, 6)."""
         if self._scene is None or len(rays) == 0:
             zero = np.zeros(len(rays), np.float32)
-            return Hits(np.full_like(zero, np.inf), np.full(len(rays), -1, np.int32), zero, zero)
+            far = np.full_like(zero, np.inf)
+            nothing = np.full(len(rays), -1, np.int32)
+            return Hits(far, nothing, zero, zero)
         answer = self._scene.cast_rays(self._tensor(np.ascontiguousarray(rays)), nthreads=1)
         depth = answer["t_hit"].numpy()
         u, v = answer["primitive_uvs"].numpy().T
@@ -82,8 +84,8 @@ class Tracer:
         triangle[~np.isfinite(depth)] = -1
         return Hits(depth, triangle.astype(np.int32), u, v)
 
-    def blocked(self, origins: F32, to: F32) -> Bool:
-        """Whether something lies between origins (N, 3) and the ends of vectors ``to`` (N, 3)."""
+    def blocks(self, origins: F32, to: F32) -> Bool:
+        """(N,) mask of the origins (N, 3) with something between them and the ends of vectors ``to`` (N, 3)."""
         if self._scene is None or len(origins) == 0:
             return np.zeros(len(origins), np.bool_)
         rays = np.concatenate([origins, to], axis=1).astype(np.float32)
@@ -150,10 +152,10 @@ def visibility(light: Light, tracers: list[Tracer], points: F32, normals: F32, s
     seen = np.zeros(len(points), np.float32)
     for offset in samples:
         to = light_vectors(light, origins, offset)
-        blocked = np.zeros(len(points), np.bool_)
+        is_blocked = np.zeros(len(points), np.bool_)
         for tracer in tracers:
-            blocked |= tracer.blocked(origins, to)
-        seen += ~blocked
+            is_blocked |= tracer.blocks(origins, to)
+        seen += ~is_blocked
     return np.asarray(seen / len(samples), np.float32)
 
 
@@ -189,7 +191,8 @@ def openness(tracer: Tracer, points: F32, normals: F32, directions: F32) -> F32:
     seen = np.zeros(len(points), np.float32)
     for along_side, along_other, along_normal in directions:
         direction = along_side * side + along_other * other + along_normal * normals
-        seen += ~tracer.blocked(origins, (CONTACT_M * direction).astype(np.float32))
+        to = (CONTACT_M * direction).astype(np.float32)
+        seen += ~tracer.blocks(origins, to)
     return np.asarray(seen / len(directions), np.float32)
 
 
@@ -213,7 +216,7 @@ class Surfaces:
 
 
 def surfaces(hits: Hits, mesh: Mesh, rays: F32, palette: Palette, pixel_rad: float, chosen: I64) -> Surfaces:
-    """What the chosen rays hit; ``pixel_rad`` is the angle of a pixel."""
+    """Surfaces that the chosen rays hit; ``pixel_rad`` is the angle of a pixel."""
     direction = rays[chosen, 3:]
     depth = hits.depth[chosen]
     points = rays[chosen, :3] + direction * depth[:, None]
@@ -227,11 +230,16 @@ def surfaces(hits: Hits, mesh: Mesh, rays: F32, palette: Palette, pixel_rad: flo
     footprint = depth * length * pixel_rad / slant
     material = mesh.material[hits.triangle[chosen]]
     local = hits.interpolate(mesh, mesh.local, chosen)
-    albedo = palette.albedo(material, local, footprint.astype(np.float32))
-    return Surfaces(points.astype(np.float32), normals, albedo, palette.emission[material], palette.gloss[material])
+    return Surfaces(
+        points=points.astype(np.float32),
+        normals=normals,
+        albedo=palette.albedo(material, local, footprint.astype(np.float32)),
+        emission=palette.emission[material],
+        gloss=palette.gloss[material],
+    )
 
 
-def mirrored(rays: F32, at: Surfaces) -> F32:
+def mirror_rays(rays: F32, at: Surfaces) -> F32:
     """(N, 6) rays that leave glossy surfaces towards what they mirror."""
     direction = rays[:, 3:] / np.linalg.norm(rays[:, 3:], axis=1, keepdims=True)
     along_normal = np.einsum("ij,ij->i", direction, at.normals)
@@ -260,19 +268,26 @@ class LightStack:
         albedo = at.albedo * weight[:, None]
         self.glow[index] += albedo * at.emission[:, None]
         self.ambient[index] += albedo * (ambient(at.normals) * open_share)[:, None]
-        for own, light in zip(self.lit, lamps, strict=True):
-            own[index] += albedo * light
+        for lit, light in zip(self.lit, lamps, strict=True):
+            lit[index] += albedo * light
 
     def radiance(self, scene: Scene, t: float, shares: list[F32 | None], open_share: F32 | None) -> F32:
         """(N, 3) at a time, with (N,) visibilities of lamps and ambient light past moving things."""
         lights = scene.lights
-        level = np.float32(lights.ambient * level_at(lights.ambient_dim, t))
-        total = self.glow + self.ambient * (level if open_share is None else (level * open_share)[:, None])
+        ambient_level = np.float32(lights.ambient * level_at(lights.ambient_dim, t))
+        total = self.glow + self.ambient * _pixel_levels(ambient_level, open_share)
         for lamp, lit, share in zip(lights.lamps, self.lit, shares, strict=True):
-            dim = np.float32(level_at(lamp.dim, t))
-            if dim > 0:
-                total += lit * (dim if share is None else (dim * share)[:, None])
+            level = np.float32(level_at(lamp.dim, t))
+            if level > 0:
+                total += lit * _pixel_levels(level, share)
         return np.asarray(total, np.float32)
+
+
+def _pixel_levels(level: np.float32, share: F32 | None) -> np.float32 | F32:
+    """A light's level, or (N, 1) levels by the share of it that reaches every pixel."""
+    if share is None:
+        return level
+    return np.asarray((level * share)[:, None])
 
 
 class Shader:

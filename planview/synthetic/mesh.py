@@ -29,11 +29,25 @@ class Mesh:
     triangles: I32
     material: I32
 
-    def moved(self, rotation: F64, translation: ArrayLike) -> Mesh:
+    def at(self, rotation: F64, translation: ArrayLike) -> Mesh:
         """The same surface elsewhere; textures stay on it."""
         turn = rotation.astype(np.float32).T
         shift = np.asarray(translation, np.float32)
         return replace(self, vertices=self.vertices @ turn + shift, normals=self.normals @ turn)
+
+
+def rotation_x(angle: float) -> F64:
+    """(3, 3) rotation about x [rad]."""
+    cosine = np.cos(angle)
+    sine = np.sin(angle)
+    return np.array([[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]], np.float64)
+
+
+def rotation_y(angle: float) -> F64:
+    """(3, 3) rotation about y [rad]."""
+    cosine = np.cos(angle)
+    sine = np.sin(angle)
+    return np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]], np.float64)
 
 
 def rotation_z(angle: float) -> F64:
@@ -64,15 +78,17 @@ def quad(corner: ArrayLike, along: ArrayLike, up: ArrayLike, material: int) -> M
     start = np.asarray(corner, np.float64)
     side = np.asarray(along, np.float64)
     rise = np.asarray(up, np.float64)
-    normal = np.cross(side, rise) / np.linalg.norm(np.cross(side, rise))
+    normal = np.cross(side, rise)
+    normal = normal / np.linalg.norm(normal)
     length = np.linalg.norm(side)
     height = np.linalg.norm(rise)
+    local = [(0, 0, 0), (length, 0, 0), (length, height, 0), (0, height, 0)]
     return Mesh(
-        np.array([start, start + side, start + side + rise, start + rise], np.float32),
-        np.tile(normal.astype(np.float32), (4, 1)),
-        np.array([[0, 0, 0], [length, 0, 0], [length, height, 0], [0, height, 0]], np.float32),
-        np.array([[0, 1, 2], [0, 2, 3]], np.int32),
-        np.full(2, material, np.int32),
+        vertices=np.array([start, start + side, start + side + rise, start + rise], np.float32),
+        normals=np.tile(normal.astype(np.float32), (4, 1)),
+        local=np.array(local, np.float32),
+        triangles=np.array([[0, 1, 2], [0, 2, 3]], np.int32),
+        material=np.full(2, material, np.int32),
     )
 
 
@@ -97,30 +113,51 @@ def box(low: ArrayLike, high: ArrayLike, material: int) -> Mesh:
     )
 
 
+def upright_box(
+    half_x: float, half_y: float, bottom: float, top: float, material: int, centre: tuple[float, float] = (0.0, 0.0)
+) -> Mesh:
+    """A box about a vertical axis, from its half sizes along x and y and the heights of its ends."""
+    x, y = centre
+    return box((x - half_x, y - half_y, bottom), (x + half_x, y + half_y, top), material)
+
+
+def flat_ended(rows: ArrayLike) -> F64:
+    """Rings for ``sweep`` with flat ends, from (R, 3) z and half sizes along x and y, or (R, 4) with a centre x."""
+    inner = np.asarray(rows, np.float64)
+    rings = np.zeros((len(inner) + 2, 5))
+    rings[1:-1, : inner.shape[1]] = inner
+    rings[0] = rings[1]
+    rings[-1] = rings[-2]
+    rings[[0, -1], 1:3] = 0.0
+    return rings
+
+
 def sweep(rings: ArrayLike, material: int, segments: int = 14) -> Mesh:
     """A solid from (R, 5) elliptic rings stacked along z, each z, half size in x and in y, centre x and y [m]; z is
     strictly monotonic except at ends, where half sizes of 0 make poles. ``segments``: vertices per ring."""
-    z, half_x, half_y, centre_x, centre_y = np.asarray(rings, np.float64).T[:, :, None]
-    if z[0, 0] > z[-1, 0]:
-        return sweep(np.asarray(rings)[::-1], material, segments)
+    rows = np.asarray(rings, np.float64)
+    if rows[0, 0] > rows[-1, 0]:
+        rows = rows[::-1]
+    z, half_x, half_y, centre_x, centre_y = rows.T[:, :, None]
     angle = np.linspace(0, 2 * np.pi, segments, endpoint=False)
     x = centre_x + half_x * np.cos(angle)
     y = centre_y + half_y * np.sin(angle)
-    vertices = np.stack([x, y, np.broadcast_to(z, x.shape)], -1).reshape(-1, 3)
-    ring, segment = np.meshgrid(np.arange(len(z) - 1), np.arange(segments), indexing="ij")
+    vertices = np.stack([x, y, np.broadcast_to(z, x.shape)], -1)
+    ring, segment = np.meshgrid(np.arange(len(rows) - 1), np.arange(segments), indexing="ij")
     below = ring * segments + segment
     below_next = ring * segments + (segment + 1) % segments
     above = below + segments
     above_next = below_next + segments
-    lower = np.stack([below, below_next, above_next], -1).reshape(-1, 3)
-    upper = np.stack([below, above_next, above], -1).reshape(-1, 3)
-    return smooth(vertices, np.concatenate([lower, upper]), material)
+    lower = np.stack([below, below_next, above_next], -1)
+    upper = np.stack([below, above_next, above], -1)
+    triangles = np.concatenate([lower.reshape(-1, 3), upper.reshape(-1, 3)])
+    return smooth(vertices.reshape(-1, 3), triangles, material)
 
 
 def smooth(vertices: F64, triangles: I64, material: int) -> Mesh:
     """A mesh with averaged normals; its local coordinates are its vertices."""
     corners = vertices.astype(np.float64)
-    first, second, third = (corners[triangles[:, k]] for k in range(3))
+    first, second, third = corners[triangles.T]
     face = np.cross(second - first, third - first)
     normals = np.zeros_like(corners)
     for k in range(3):

@@ -95,8 +95,7 @@ class Motion:
     def places(self, times: F64) -> F64:
         """(N, 2) hips at times (N,) [s]; NaN while the person does not exist."""
         ticks = self.first_s + np.arange(len(self.xy)) / TICK_HZ
-        x, y = self.xy.T
-        xy = np.column_stack([np.interp(times, ticks, x), np.interp(times, ticks, y)])
+        xy = _interpolate(times, ticks, self.xy)
         xy[(times < self.first_s) | (times >= self.last_s)] = np.nan
         return xy
 
@@ -110,6 +109,12 @@ class Motion:
             return np.asarray((1 - share) * values[before] + share * values[before + 1])
 
         return mix(self.xy), float(mix(self.heading)), float(mix(self.phase)), float(mix(self.speed)), mix(self.actions)
+
+
+def _interpolate(times: F64, known_times: F64, xy: F64) -> F64:
+    """(N, 2) places at times, linear between those that are given."""
+    x, y = xy.T
+    return np.column_stack([np.interp(times, known_times, x), np.interp(times, known_times, y)])
 
 
 class _Script:
@@ -140,8 +145,10 @@ class _Script:
     def walk(self, point: ArrayLike, speed_mps: float, **weights: float) -> None:
         """Straight to a point."""
         way = np.asarray(point, np.float64) - self.place
-        n = max(1, round(float(np.linalg.norm(way)) / speed_mps * TICK_HZ))
-        self.add(self.place + way * np.linspace(1 / n, 1, n)[:, None], np.nan, **weights)
+        length_m = float(np.linalg.norm(way))
+        n = max(1, round(length_m / speed_mps * TICK_HZ))
+        shares = np.linspace(1 / n, 1, n)
+        self.add(self.place + way * shares[:, None], np.nan, **weights)
 
     def stay(self, seconds: float, face: float, **weights: float) -> None:
         n = max(1, round(seconds * TICK_HZ))
@@ -187,24 +194,34 @@ def motion_from_ticks(
     person: ScenePerson, xy: F64, face: F64, actions: F64, handlings: tuple[Handling, ...] = (), last_s: float = np.inf
 ) -> Motion:
     """Smooth a raw tick track: corners rounded, starts and stops gradual, heading along the way."""
-    raw_xy = xy
-    xy = gaussian_filter1d(raw_xy, 0.22 * TICK_HZ, axis=0, mode="nearest")
-    velocity = np.gradient(xy, axis=0) * TICK_HZ if len(xy) > 1 else np.zeros_like(xy)
+    even_xy = gaussian_filter1d(xy, 0.22 * TICK_HZ, axis=0, mode="nearest")
+    velocity = np.zeros_like(xy)
+    if len(xy) > 1:
+        velocity = np.gradient(even_xy, axis=0) * TICK_HZ
     speed = np.hypot(velocity[:, 0], velocity[:, 1])
     along = np.arctan2(velocity[:, 1], velocity[:, 0])
     # Along the movement while moving, else as the step has it, else unchanged; turned smoothly the short way.
     current = float(np.deg2rad(person.face_deg))
     desired = np.where(speed > 0.25, along, face)
-    held = np.empty_like(desired)
+    headings = np.empty_like(desired)
     for i, value in enumerate(desired):
         if np.isfinite(value):
             current += float(np.angle(np.exp(1j * (value - current))))
-        held[i] = current
-    heading = np.asarray(gaussian_filter1d(held, 0.18 * TICK_HZ, mode="nearest"))
+        headings[i] = current
     step_m = step_length_m(person.height_m, speed)
-    phase = np.cumsum(np.pi * speed / step_m / TICK_HZ)
-    weights = gaussian_filter1d(actions, 0.25 * TICK_HZ, axis=0, mode="nearest")
-    return Motion(person.enter_s, last_s, xy, heading, phase, speed, weights, handlings, raw_xy, face, actions)
+    return Motion(
+        first_s=person.enter_s,
+        last_s=last_s,
+        xy=even_xy,
+        heading=np.asarray(gaussian_filter1d(headings, 0.18 * TICK_HZ, mode="nearest")),
+        phase=np.cumsum(np.pi * speed / step_m / TICK_HZ),
+        speed=speed,
+        actions=gaussian_filter1d(actions, 0.25 * TICK_HZ, axis=0, mode="nearest"),
+        handlings=handlings,
+        raw_xy=xy,
+        raw_face=face,
+        raw_actions=actions,
+    )
 
 
 def step_length_m(height_m: float, speed_mps: F64) -> F64:
@@ -218,23 +235,27 @@ def _walk(script: _Script, step: Walk) -> None:
     pushes = float(step.push is not None)
     for point in step.go:
         script.walk(point, step.speed_mps, carry=carries, push=pushes)
-    for name, how in ((step.push, "push"), (step.carry, "carry")):
-        if name is not None:
-            script.handlings.append(Handling(name, how, begin, script.now_s, step.put_z_m))
+    if step.push is not None:
+        script.handlings.append(Handling(step.push, "push", begin, script.now_s, step.put_z_m))
+    if step.carry is not None:
+        script.handlings.append(Handling(step.carry, "carry", begin, script.now_s, step.put_z_m))
 
 
 def _sit(script: _Script, seconds: float, chair: Furniture, face: float) -> None:
     """Step back onto a chair, sit and stand up."""
     front = face if np.isfinite(face) else float(np.deg2rad(chair.heading_deg))
     seat = np.asarray(chair.at_m, np.float64)
-    before = seat + HIPS_BACK_M * np.array([np.cos(front), np.sin(front)])
+    ahead = np.array([np.cos(front), np.sin(front)])
+    before = seat + HIPS_BACK_M * ahead
     script.walk(before, 0.8)
     script.stay(SIT_DOWN_S, front)
     _, _, height_m = furniture_size(chair)
     is_low = chair.kind in ("bench", "box") and height_m < LOW_SEAT_M
-    ticks = max(1, round(seconds * TICK_HZ))
-    script.add(np.tile(seat, (ticks, 1)), front, sit=float(not is_low), low=float(is_low))
-    script.add(np.tile(before, (round(SIT_DOWN_S * TICK_HZ), 1)), front)
+    posture = "low" if is_low else "sit"
+    sitting_ticks = max(1, round(seconds * TICK_HZ))
+    rising_ticks = round(SIT_DOWN_S * TICK_HZ)
+    script.add(np.tile(seat, (sitting_ticks, 1)), front, **{posture: 1.0})
+    script.add(np.tile(before, (rising_ticks, 1)), front)
 
 
 @dataclass
@@ -308,16 +329,21 @@ def _step(walker: _Walker, t: float, others: F64, moving: F64, obstacles: Obstac
     _think(walker, t, obstacles)
     to_goal = walker.goal - walker.place
     distance = float(np.linalg.norm(to_goal))
-    speed = 0.0 if t < walker.rest_until else min(walker.speed, distance / 0.4)
+    speed = 0.0
+    if t >= walker.rest_until:
+        speed = min(walker.speed, distance / 0.4)
     desired = to_goal / max(distance, 1e-9) * speed
     angle = np.arctan2(to_goal[1], to_goal[0]) + _FAN_TURNS
-    fan = max(speed, 0.4) * _FAN_SPEEDS[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
+    directions = np.stack([np.cos(angle), np.sin(angle)], -1)
+    fan = max(speed, 0.4) * _FAN_SPEEDS[:, None, None] * directions
     candidates = np.concatenate([desired[None], np.zeros((1, 2)), fan.reshape(-1, 2)])
-    cost = np.linalg.norm(candidates - desired, axis=1) + 0.35 * np.linalg.norm(candidates - walker.velocity, axis=1)
+    cost = np.linalg.norm(candidates - desired, axis=1)
+    cost += 0.35 * np.linalg.norm(candidates - walker.velocity, axis=1)
     cost += _danger(walker.place, candidates, others, moving)
-    for ahead in (0.25, 0.6, 1.0):
-        gap = obstacles.distance(walker.place + ahead * candidates)
-        cost += 6.0 * np.clip(CLEARANCE_M - gap, 0, CLEARANCE_M) / CLEARANCE_M / (0.5 + ahead)
+    for ahead_s in (0.25, 0.6, 1.0):
+        gap = obstacles.distance(walker.place + ahead_s * candidates)
+        lacking = np.clip(CLEARANCE_M - gap, 0, CLEARANCE_M)
+        cost += 6.0 * lacking / CLEARANCE_M / (0.5 + ahead_s)
     best = candidates[int(np.argmin(cost))]
     walker.velocity = 0.45 * walker.velocity + 0.55 * best
     walker.place = walker.place + walker.velocity * WALK_STEP_S
@@ -331,11 +357,13 @@ def _danger(place: F64, candidates: F64, others: F64, moving: F64) -> F64:
     relative = moving[None] - candidates[:, None]
     square = np.maximum((relative**2).sum(-1), 1e-9)
     # At most 2.5 s ahead.
-    when = np.clip(-(offset * relative).sum(-1) / square, 0, 2.5)
-    closest = np.linalg.norm(offset + relative * when[..., None], axis=-1)
-    soon = np.linalg.norm(offset + relative * 0.3, axis=-1)
-    cost = np.clip(PERSONAL_M + 0.1 - closest, 0, None) / PERSONAL_M * 4.0 / (0.4 + when)
-    cost += 15.0 * np.clip(PERSONAL_M - soon, 0, None) / PERSONAL_M
+    when_s = np.clip(-(offset * relative).sum(-1) / square, 0, 2.5)
+    closest_m = np.linalg.norm(offset + relative * when_s[..., None], axis=-1)
+    soon_m = np.linalg.norm(offset + relative * 0.3, axis=-1)
+    too_close_m = np.clip(PERSONAL_M + 0.1 - closest_m, 0, None)
+    too_soon_m = np.clip(PERSONAL_M - soon_m, 0, None)
+    cost = too_close_m / PERSONAL_M * 4.0 / (0.4 + when_s)
+    cost += 15.0 * too_soon_m / PERSONAL_M
     return np.asarray(cost.sum(axis=1))
 
 
@@ -383,8 +411,9 @@ def _new_goal(walker: _Walker, obstacles: Obstacles) -> None:
     x0, y0, x1, y1 = walker.wander.area_m
     for _ in range(50):
         goal = walker.rng.uniform([x0, y0], [x1, y1])
-        far = np.linalg.norm(goal - walker.place) > 0.35 * min(x1 - x0, y1 - y0)
-        if far and obstacles.distance(goal[None])[0] > CLEARANCE_M + 0.1:
+        is_far = np.linalg.norm(goal - walker.place) > 0.35 * min(x1 - x0, y1 - y0)
+        is_free = obstacles.distance(goal[None])[0] > CLEARANCE_M + 0.1
+        if is_far and is_free:
             break
     walker.speed = float(walker.rng.uniform(*walker.wander.speed_mps))
     _aim(walker, goal)
@@ -393,12 +422,11 @@ def _new_goal(walker: _Walker, obstacles: Obstacles) -> None:
 def _join_walk(scripted: Motion, walker: _Walker) -> Motion:
     """Steps first, then the walk, as one motion."""
     n = max(1, round((walker.begin - scripted.first_s) * TICK_HZ))
+    n_walk = len(walker.track) * int(TICK_HZ * WALK_STEP_S)
     track = np.array(walker.track or [walker.place])
-    times_s = np.arange(len(walker.track) * int(TICK_HZ * WALK_STEP_S)) / TICK_HZ
-    track_s = np.arange(len(track)) * WALK_STEP_S
-    x, y = track.T
-    walk = np.column_stack([np.interp(times_s, track_s, x), np.interp(times_s, track_s, y)])
+    track_s = np.arange(len(track), dtype=np.float64) * WALK_STEP_S
+    walk = _interpolate(np.arange(n_walk) / TICK_HZ, track_s, track)
     xy = np.concatenate([scripted.raw_xy[:n], walk])
-    actions = np.concatenate([scripted.raw_actions[:n], np.zeros((len(walk), len(ACTIONS)))])
-    face = np.concatenate([scripted.raw_face[:n], np.full(len(walk), np.nan)])
+    face = np.concatenate([scripted.raw_face[:n], np.full(n_walk, np.nan)])
+    actions = np.concatenate([scripted.raw_actions[:n], np.zeros((n_walk, len(ACTIONS)))])
     return motion_from_ticks(walker.person, xy, face, actions, scripted.handlings, walker.gone_s)

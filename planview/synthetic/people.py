@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.types import F64
-from planview.synthetic.mesh import Mesh, dome_rings, join, limb_rings, rotation_z, sweep
+from planview.synthetic.mesh import Mesh, dome_rings, join, limb_rings, rotation_x, rotation_y, rotation_z, sweep
 from planview.synthetic.motion import ACTIONS, Handling, Motion, scripted_motion, step_length_m, wander
 from planview.synthetic.room import furniture_mesh
 from planview.synthetic.scene import Furniture, Scene, ScenePerson, Surface
@@ -105,11 +105,13 @@ class Body:
     def pose(self, pose: Pose, x_m: float, y_m: float, heading_rad: float) -> PosedBody:
         """Place the body with its hips above (x, y) and its lowest point on the floor."""
         hips = np.zeros(3)
-        chest = rotation_z(pose.twist) @ _rotation_y(pose.lean) @ _rotation_x(-pose.sway)
+        chest = rotation_z(pose.twist) @ rotation_y(pose.lean) @ rotation_x(-pose.sway)
         neck = chest @ self._up(NECK - HIP)
-        skull = chest @ rotation_z(pose.turn) @ _rotation_y(pose.nod - 0.7 * pose.lean)
-        head = self._parts["head"].moved(skull, neck)
-        parts = [self._parts["pelvis"].moved(np.eye(3), hips), self._parts["torso"].moved(chest, hips), head]
+        skull = chest @ rotation_z(pose.turn) @ rotation_y(pose.nod - 0.7 * pose.lean)
+        head = self._parts["head"].at(skull, neck)
+        pelvis = self._parts["pelvis"].at(np.eye(3), hips)
+        torso = self._parts["torso"].at(chest, hips)
+        parts = [pelvis, torso, head]
         hands = []
         for side in (0, 1):
             arm, hand = self._arm(pose, side, chest)
@@ -123,11 +125,11 @@ class Body:
         shift = np.array([x_m, y_m, lift])
         centre = skull @ self._up(0.935 - NECK) + neck
         return PosedBody(
-            mesh.moved(turn, shift),
-            turn @ centre + shift,
-            float(head.vertices[:, 2].max()) + lift,
-            turn @ np.mean(hands, axis=0) + shift,
-            turn @ chest[:, 0],
+            mesh=mesh.at(turn, shift),
+            head=turn @ centre + shift,
+            top_m=float(head.vertices[:, 2].max()) + lift,
+            hands=turn @ np.mean(hands, axis=0) + shift,
+            chest=turn @ chest[:, 0],
         )
 
     def _up(self, share: float) -> F64:
@@ -138,26 +140,27 @@ class Body:
         """The parts of an arm, and its hand (3,)."""
         sign = SIGNS[side]
         shoulder = chest @ np.array([0.0, sign * 0.105 * self.height_m, (SHOULDER - HIP) * self.height_m])
-        upper = chest @ _rotation_x(sign * pose.abduct[side]) @ _rotation_y(-pose.shoulder[side])
+        upper = chest @ rotation_x(sign * pose.abduct[side]) @ rotation_y(-pose.shoulder[side])
         elbow = shoulder + upper @ self._up(-UPPER_ARM)
-        lower = upper @ _rotation_y(-pose.elbow[side])
+        lower = upper @ rotation_y(-pose.elbow[side])
         hand = elbow + lower @ self._up(-(FOREARM + 0.04))
-        return [self._parts["arm"].moved(upper, shoulder), self._parts["forearm"].moved(lower, elbow)], hand
+        parts = [self._parts["arm"].at(upper, shoulder), self._parts["forearm"].at(lower, elbow)]
+        return parts, hand
 
     def _leg(self, pose: Pose, side: int) -> list[Mesh]:
         """The parts of a leg."""
         sign = SIGNS[side]
         spread = pose.spread[side]
         hip = np.array([0.0, sign * 0.05 * self.height_m, 0.0])
-        upper = rotation_z(sign * spread) @ _rotation_x(sign * 0.3 * spread) @ _rotation_y(-pose.hip[side])
+        upper = rotation_z(sign * spread) @ rotation_x(sign * 0.3 * spread) @ rotation_y(-pose.hip[side])
         knee = hip + upper @ self._up(-THIGH)
-        lower = upper @ _rotation_y(pose.knee[side])
+        lower = upper @ rotation_y(pose.knee[side])
         ankle = knee + lower @ self._up(-SHIN)
-        foot = rotation_z(sign * (spread + 0.1)) @ _rotation_y(-pose.foot[side])
+        foot = rotation_z(sign * (spread + 0.1)) @ rotation_y(-pose.foot[side])
         return [
-            self._parts["thigh"].moved(upper, hip),
-            self._parts["shin"].moved(lower, knee),
-            self._parts["foot"].moved(foot, ankle),
+            self._parts["thigh"].at(upper, hip),
+            self._parts["shin"].at(lower, knee),
+            self._parts["foot"].at(foot, ankle),
         ]
 
 
@@ -185,18 +188,6 @@ SHOE = (
 """Rows along, half height and half width in fractions of the body's height."""
 
 
-def _rotation_x(angle: float) -> F64:
-    cosine = np.cos(angle)
-    sine = np.sin(angle)
-    return np.array([[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]], np.float64)
-
-
-def _rotation_y(angle: float) -> F64:
-    cosine = np.cos(angle)
-    sine = np.sin(angle)
-    return np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]], np.float64)
-
-
 def _rings(height: float, rows: Rings, build: float) -> F64:
     """Rings for ``sweep``, wider by the build."""
     z, depth, width, centre = np.array(rows).T * height
@@ -211,25 +202,28 @@ def _torso(height: float, build: float, shirt: int, skin: int) -> Mesh:
 
 def _head(height: float, style: str, skin: int, hair: int) -> Mesh:
     """Head with hair; the origin is the top of the neck and the highest point (1 - NECK) h above it."""
-    h = height
-    top = (1.0 - NECK) * h
-    low = top - 0.132 * h
-    skull_top = top if style == "bald" else top - 0.004 * h
-    skull = dome_rings(low, skull_top, (0.056 * h, 0.044 * h), (0.004 * h, 0.0))
-    nose = dome_rings(low + 0.045 * h, low + 0.065 * h, (0.010 * h, 0.008 * h), (0.060 * h, 0.0), 5)
-    parts = [sweep(skull, skin, 16), sweep(nose, skin, 8)]
+    top = (1.0 - NECK) * height
+    low = top - 0.132 * height
+
+    def dome(bottom: float, end: float, depth: float, width: float, ahead: float, n: int = 9) -> F64:
+        """Rings of an ellipsoid, its half sizes and its centre in fractions of the height."""
+        return dome_rings(bottom, end, (depth * height, width * height), (ahead * height, 0.0), n)
+
+    skull_top = top if style == "bald" else top - 0.004 * height
+    skull = sweep(dome(low, skull_top, 0.056, 0.044, 0.004), skin, 16)
+    nose = sweep(dome(low + 0.045 * height, low + 0.065 * height, 0.010, 0.008, 0.060, n=5), skin, 8)
+    parts = [skull, nose]
     if style != "bald":
-        short = dome_rings(top - 0.105 * h, top, (0.053 * h, 0.048 * h), (-0.006 * h, 0.0))
-        parts.append(sweep(short, hair, 16))
+        parts.append(sweep(dome(top - 0.105 * height, top, 0.053, 0.048, -0.006), hair, 16))
     if style == "long":
-        long = dome_rings(top - 0.20 * h, top - 0.02 * h, (0.028 * h, 0.05 * h), (-0.035 * h, 0))
-        parts.append(sweep(long, hair))
+        parts.append(sweep(dome(top - 0.20 * height, top - 0.02 * height, 0.028, 0.05, -0.035), hair))
     return join(parts)
 
 
 def _limb(height: float, length: float, radii: tuple[float, ...], build: float, material: int) -> Mesh:
     width = build**0.7
-    return sweep(limb_rings(length * height, [radius * height * width for radius in radii]), material, 12)
+    radii_m = [radius * height * width for radius in radii]
+    return sweep(limb_rings(length * height, radii_m), material, 12)
 
 
 def _hand(height: float, skin: int) -> Mesh:
@@ -243,7 +237,7 @@ def _foot(height: float, shoes: int) -> Mesh:
     along, half_height, half_width = (np.array(SHOE) * height).T
     rings = np.column_stack([along, half_height, half_width, half_height - ANKLE * height, 0 * along])
     # Swept along z, then laid down along x: z -> x, x -> z, which turns the triangles inside out.
-    flat = sweep(rings, shoes, 10).moved(np.eye(3)[::-1], np.zeros(3))
+    flat = sweep(rings, shoes, 10).at(np.eye(3)[::-1], np.zeros(3))
     return replace(flat, triangles=flat.triangles[:, ::-1].copy())
 
 
@@ -259,7 +253,8 @@ def pose_at(person_index: int, height_m: float, motion: Motion, t: float) -> tup
     going = min(1.0, speed / 0.35) * (1.0 - max(weights["sit"], weights["floor"], weights["low"]))
     idle = _idle(person_index, t)
     step_m = float(step_length_m(height_m, np.array([speed]))[0])
-    swing = float(np.arcsin(np.clip(step_m / (2 * HIP * height_m), 0, 0.7))) * going
+    half_angle = float(np.arcsin(np.clip(step_m / (2 * HIP * height_m), 0, 0.7)))
+    swing = half_angle * going
     sides = np.array([phase, phase + np.pi])
     forward = np.cos(sides)
     lifting = np.maximum(0.0, -np.sin(sides + 0.6)) ** 1.3
@@ -289,7 +284,8 @@ def pose_at(person_index: int, height_m: float, motion: Motion, t: float) -> tup
         **joints,
     )
     x_m, y_m = (xy + 0.015 * still * idle[:2]).tolist()
-    return posed, x_m, y_m, heading + 0.06 * still * float(idle[2])
+    heading += 0.06 * still * float(idle[2])
+    return posed, x_m, y_m, heading
 
 
 def _idle(person_index: int, t: float) -> F64:
@@ -300,20 +296,21 @@ def _idle(person_index: int, t: float) -> F64:
     return np.asarray(0.6 * slow + 0.4 * fast)
 
 
-POSTURES: dict[str, dict[str, tuple[float, ...]]] = {
-    "sit": {"hip": (1.5, 1.5), "knee": (1.5, 1.5), "lean": (0.08,), "shoulder": (0.35, 0.35), "elbow": (1.0, 1.0),
-            "foot": (0.0, 0.0), "spread": (0.12, 0.12)},
-    "floor": {"hip": (1.55, 1.55), "knee": (2.2, 2.2), "spread": (0.7, 0.7), "lean": (0.15,),
-              "shoulder": (0.5, 0.5), "elbow": (0.8, 0.8), "foot": (-0.2, -0.2)},
-    "reach": {"shoulder": (0.2, 2.7), "elbow": (0.2, 0.15), "lean": (-0.05,)},
-    "bend": {"lean": (1.15,), "hip": (0.25, 0.25), "knee": (0.5, 0.5), "shoulder": (0.9, 0.9), "elbow": (0.3, 0.3)},
-    "carry": {"shoulder": (0.12, 0.12), "elbow": (1.25, 1.25), "abduct": (0.05, 0.05)},
-    "low": {"hip": (1.97, 1.97), "knee": (1.97, 1.97), "lean": (0.12,), "shoulder": (0.5, 0.5), "elbow": (0.8, 0.8),
-            "foot": (0.0, 0.0), "spread": (0.15, 0.15)},
-    "crouch": {"hip": (2.15, 2.15), "knee": (2.55, 2.55), "lean": (0.45,), "shoulder": (0.8, 0.8),
-               "elbow": (0.7, 0.7), "foot": (-0.35, -0.35), "spread": (0.25, 0.25)},
-    "push": {"shoulder": (0.75, 0.75), "elbow": (0.55, 0.55), "lean": (0.15,), "abduct": (0.08, 0.08)},
+POSTURES: dict[str, dict[str, float | tuple[float, float]]] = {
+    "sit": {"hip": 1.5, "knee": 1.5, "lean": 0.08, "shoulder": 0.35, "elbow": 1.0, "foot": 0.0, "spread": 0.12},
+    "floor": {
+        "hip": 1.55, "knee": 2.2, "spread": 0.7, "lean": 0.15, "shoulder": 0.5, "elbow": 0.8, "foot": -0.2,
+    },
+    "reach": {"shoulder": (0.2, 2.7), "elbow": (0.2, 0.15), "lean": -0.05},
+    "bend": {"lean": 1.15, "hip": 0.25, "knee": 0.5, "shoulder": 0.9, "elbow": 0.3},
+    "carry": {"shoulder": 0.12, "elbow": 1.25, "abduct": 0.05},
+    "low": {"hip": 1.97, "knee": 1.97, "lean": 0.12, "shoulder": 0.5, "elbow": 0.8, "foot": 0.0, "spread": 0.15},
+    "crouch": {
+        "hip": 2.15, "knee": 2.55, "lean": 0.45, "shoulder": 0.8, "elbow": 0.7, "foot": -0.35, "spread": 0.25,
+    },
+    "push": {"shoulder": 0.75, "elbow": 0.55, "lean": 0.15, "abduct": 0.08},
 }  # fmt: skip
+"""Joint angles of each posture [rad], one for both sides where they are alike."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -337,8 +334,8 @@ class Cast:
         for i, motion in enumerate(self.motions):
             for handling in motion.handlings:
                 self._handlings.setdefault(handling.furniture, []).append((handling, i))
-        for some in self._handlings.values():
-            some.sort(key=lambda pair: pair[0].from_s)
+        for handlings in self._handlings.values():
+            handlings.sort(key=lambda pair: pair[0].from_s)
         self.is_moving = [bool(item.moves or item.name in self._handlings) for item in scene.furniture]
         self._things = []
         for item, moves in zip(scene.furniture, self.is_moving, strict=True):
@@ -397,4 +394,4 @@ def furniture_at(item: Furniture, t: float) -> tuple[F64, float, float]:
 
 def place_mesh(mesh: Mesh, place: F64, heading: float, z: float) -> Mesh:
     """A mesh around its own origin, put into the room."""
-    return mesh.moved(rotation_z(heading), (place[0], place[1], z))
+    return mesh.at(rotation_z(heading), (place[0], place[1], z))

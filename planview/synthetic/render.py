@@ -68,8 +68,8 @@ class SensorModel:
     def __call__(self, linear: F32, frame: int, t: float) -> U8:
         """(H, W, 3) uint8, or (H, W) for a grey sensor."""
         sensor = self._sensor
-        light = linear * (self._vignette * np.float32(self._gain * level_at(sensor.exposure, t)))
-        light = self._automatic(light)
+        gain = np.float32(self._gain * level_at(sensor.exposure, t))
+        light = self._automatic(linear * (self._vignette * gain))
         if sensor.blur_px > 0:
             light = np.asarray(cv2.GaussianBlur(light, (0, 0), sensor.blur_px), np.float32)
         if sensor.grey:
@@ -77,9 +77,12 @@ class SensorModel:
         # A longer exposure counts more electrons, gain steps are rare in practice: noise is of the full well.
         variance = np.maximum(light, 0) * sensor.full_well_e + sensor.read_noise_e**2
         sigma = np.sqrt(variance) / np.float32(sensor.full_well_e)
-        light = light + sigma * self._noise(light.shape, frame)
-        image = self._curve[np.clip(light * 4095 + 0.5, 0, 4095).astype(np.int32)]
-        return self._compress(np.ascontiguousarray(image[:, :, 0] if sensor.grey else image))
+        noisy = light + sigma * self._noise(light.shape, frame)
+        level = np.clip(noisy * 4095 + 0.5, 0, 4095).astype(np.int32)
+        image = self._curve[level]
+        if sensor.grey:
+            image = image[:, :, 0]
+        return self._compress(np.ascontiguousarray(image))
 
     def _noise(self, shape: tuple[int, ...], frame: int) -> F32:
         """Normal numbers from the bank, from other places in each frame."""
@@ -270,13 +273,19 @@ def truth_row(actor: Actor, k: int, layer: Layer, view: CameraView, world_SE3_ro
     if shown == 0 or actor.body is None:
         return None
     whole = layer.alone[k] + outside_pixels(view, actor.mesh)
-    x, y, _ = world_SE3_room @ actor.body.head
+    x, y, _ = (world_SE3_room @ actor.body.head).tolist()
     ahead = world_SE3_room.rotation @ actor.body.chest
-    facing_deg = math.degrees(math.atan2(ahead[1], ahead[0]))
     left, top, width, height = map(float, cv2.boundingRect(is_shown.astype(np.uint8)))
-    box = (left, top, width, height)
-    visible = min(1.0, shown / whole)
-    return TruthRow(actor.person, float(x), float(y), actor.body.top_m, visible, facing_deg, box, layer.boxes[k])
+    return TruthRow(
+        person=actor.person,
+        x_m=x,
+        y_m=y,
+        height_m=actor.body.top_m,
+        visible=min(1.0, shown / whole),
+        facing_deg=math.degrees(math.atan2(ahead[1], ahead[0])),
+        box_px=(left, top, width, height),
+        full_box_px=layer.boxes[k],
+    )
 
 
 def outside_pixels(view: CameraView, mesh: Mesh) -> float:
@@ -296,19 +305,20 @@ def outside_pixels(view: CameraView, mesh: Mesh) -> float:
     step = STEP_PX / view.focal_px
     columns = np.arange(low[0], high[0], step)
     rows = np.arange(low[1], high[1], step)
-    x, y = np.meshgrid(columns, rows)
-    directions = np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)])
+    x, y = (grid.ravel() for grid in np.meshgrid(columns, rows))
+    directions = np.column_stack([x, y, np.ones(x.size)])
     # Beyond the corners a lens model may fold back into the image.
     reach = float(np.hypot(border[:, 0], border[:, 1]).max())
-    is_seen = _inside(view, view.project(directions)) & (np.hypot(directions[:, 0], directions[:, 1]) <= reach)
+    is_seen = _inside(view, view.project(directions)) & (np.hypot(x, y) <= reach)
     beyond = directions[~is_seen] @ view.room_SE3_camera.rotation.T
     origin = np.broadcast_to(view.room_SE3_camera.translation, beyond.shape)
     rays = np.concatenate([origin, beyond], axis=1).astype(np.float32)
-    return float(Tracer(mesh).cast(rays).found.sum()) * STEP_PX**2
+    n_hits = int(Tracer(mesh).cast(rays).is_hit.sum())
+    return float(n_hits) * STEP_PX**2
 
 
 def _inside(view: CameraView, pixels: F64) -> Bool:
-    """(N,) whether pixels (N, 2) are in the image."""
+    """(N,) mask of the pixels (N, 2) that are in the image."""
     with np.errstate(invalid="ignore"):
         is_inside = (pixels > -0.5) & (pixels < [view.width - 0.5, view.height - 0.5])
     return np.asarray(is_inside.all(axis=1))
@@ -318,6 +328,6 @@ def _border(view: CameraView) -> F64:
     """Pixels along the outer edges of the image."""
     right = view.width - 0.5
     bottom = view.height - 0.5
-    corners = np.array([(-0.5, -0.5), (right, -0.5), (right, bottom), (-0.5, bottom), (-0.5, -0.5)])
+    corners = np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom], [-0.5, -0.5]])
     edges = [np.linspace(first, last, 50) for first, last in itertools.pairwise(corners)]
     return np.concatenate(edges)

@@ -9,7 +9,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.types import F64
-from planview.synthetic.mesh import Mesh, box, dome_rings, join, limb_rings, quad, rotation_z, sweep
+from planview.synthetic.mesh import (
+    Mesh,
+    box,
+    dome_rings,
+    flat_ended,
+    join,
+    limb_rings,
+    quad,
+    rotation_y,
+    rotation_z,
+    sweep,
+    upright_box,
+)
 from planview.synthetic.scene import Furniture, FurnitureKind, Opening, Room, Surface, Wall
 from planview.synthetic.texture import Palette
 
@@ -51,16 +63,19 @@ def wall_frame(room: Room, wall: Wall) -> tuple[F64, F64, F64, float]:
     size_x, size_y, _ = room.size_m
     x = np.array([1.0, 0, 0])
     y = np.array([0, 1.0, 0])
-    return {
-        "south": (np.zeros(3), x, y, size_x),
-        "north": (np.array([0, size_y, 0.0]), x, -y, size_x),
-        "west": (np.zeros(3), y, x, size_y),
-        "east": (np.array([size_x, 0.0, 0]), y, -x, size_y),
-    }[wall]
+    match wall:
+        case "south":
+            return np.zeros(3), x, y, size_x
+        case "north":
+            return size_y * y, x, -y, size_x
+        case "west":
+            return np.zeros(3), y, x, size_y
+        case "east":
+            return size_x * x, y, -x, size_y
 
 
 def _spans(room: Room, wall: Wall) -> list[tuple[float, float]]:
-    """Where along a wall there is no opening."""
+    """Begin and end of the pieces of a wall between its openings."""
     openings = [opening for opening in room.openings if opening.wall == wall]
     openings.sort(key=lambda opening: opening.from_m)
     begin = 0.0
@@ -142,17 +157,14 @@ def _half(size: Size) -> Size:
 
 def _table(size: Size, main: int, dark: int) -> list[Mesh]:
     x, y, z = _half(size)
-    top = box((-x, -y, z - 0.03), (x, y, z), main)
+    top = upright_box(x, y, z - 0.03, z, main)
     return [top, *_legs(x - 0.05, y - 0.05, z - 0.03, 0.025, dark)]
 
 
 def _legs(x: float, y: float, top: float, half: float, dark: int) -> list[Mesh]:
     """Four square legs whose axes are at (+-x, +-y)."""
-    legs = []
-    for axis_x in (-x, x):
-        for axis_y in (-y, y):
-            legs.append(box((axis_x - half, axis_y - half, 0), (axis_x + half, axis_y + half, top), dark))
-    return legs
+    axes = [(-x, -y), (-x, y), (x, -y), (x, y)]
+    return [upright_box(half, half, 0, top, dark, axis) for axis in axes]
 
 
 SEAT_M = 0.46
@@ -161,34 +173,24 @@ SEAT_M = 0.46
 
 def _chair(size: Size, main: int, dark: int) -> list[Mesh]:
     x, y, z = _half(size)
-    seat = box((-x, -y, SEAT_M - 0.04), (x, y, SEAT_M), main)
-    back = box((-x - 0.02, -y, SEAT_M + 0.12), (-x + 0.02, y, z), main)
-    posts = []
-    for axis_y in (-y + 0.03, y - 0.03):
-        posts.append(box((-x - 0.015, axis_y - 0.015, SEAT_M), (-x + 0.015, axis_y + 0.015, z), dark))
+    seat = upright_box(x, y, SEAT_M - 0.04, SEAT_M, main)
+    back = upright_box(0.02, y, SEAT_M + 0.12, z, main, (-x, 0.0))
+    posts = [upright_box(0.015, 0.015, SEAT_M, z, dark, (-x, axis_y)) for axis_y in (-y + 0.03, y - 0.03)]
     return [seat, back, *posts, *_legs(x - 0.02, y - 0.02, SEAT_M, 0.018, dark)]
 
 
 def _office_chair(size: Size, main: int, dark: int) -> list[Mesh]:
     x, y, z = _half(size)
     column = sweep([(0.08, 0.03, 0.03, 0, 0), (SEAT_M - 0.05, 0.03, 0.03, 0, 0)], dark, 8)
-    back_rings = [
-        (SEAT_M + 0.10, 0.0, 0.0, -x, 0),
-        (SEAT_M + 0.10, 0.03, y * 0.8, -x, 0),
-        (SEAT_M + 0.3, 0.035, y, -x, 0),
-        (z - 0.08, 0.03, y * 0.9, -x - 0.03, 0),
-        (z, 0.02, y * 0.6, -x - 0.04, 0),
-        (z, 0.0, 0.0, -x - 0.04, 0),
+    back_rows = [
+        (SEAT_M + 0.10, 0.03, y * 0.8, -x),
+        (SEAT_M + 0.3, 0.035, y, -x),
+        (z - 0.08, 0.03, y * 0.9, -x - 0.03),
+        (z, 0.02, y * 0.6, -x - 0.04),
     ]
-    cushion_rings = [
-        (SEAT_M - 0.06, 0.0, 0.0, 0, 0),
-        (SEAT_M - 0.06, x * 0.9, y * 0.9, 0, 0),
-        (SEAT_M - 0.02, x, y, 0, 0),
-        (SEAT_M, x * 0.9, y * 0.9, 0, 0),
-        (SEAT_M, 0.0, 0.0, 0, 0),
-    ]
-    back = sweep(back_rings, main, 16)
-    cushion = sweep(cushion_rings, main, 18)
+    cushion_rows = [(SEAT_M - 0.06, x * 0.9, y * 0.9), (SEAT_M - 0.02, x, y), (SEAT_M, x * 0.9, y * 0.9)]
+    back = sweep(flat_ended(back_rows), main, 16)
+    cushion = sweep(flat_ended(cushion_rows), main, 18)
     post = box((-x - 0.03, -0.03, SEAT_M - 0.06), (-x, 0.03, SEAT_M + 0.3), dark)
     return [column, *_star_base(dark), back, cushion, post]
 
@@ -196,28 +198,29 @@ def _office_chair(size: Size, main: int, dark: int) -> list[Mesh]:
 def _star_base(dark: int) -> list[Mesh]:
     """Five arms with a castor each."""
     flat = np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]], np.float64)
+    arm = sweep(limb_rings(0.28, (0.025, 0.018)), dark, 6)
+    castor = sweep(dome_rings(0.0, 0.06, (0.03, 0.03), n=6), dark, 6)
     parts = []
     for k in range(5):
         turn = rotation_z(2 * np.pi * k / 5)
-        arm = sweep(limb_rings(0.28, (0.025, 0.018)), dark, 6)
-        castor = sweep(dome_rings(0.0, 0.06, (0.03, 0.03), (0.0, 0.0), 6), dark, 6)
-        parts.append(arm.moved(turn @ flat, (0.0, 0.0, 0.07)))
-        parts.append(castor.moved(np.eye(3), turn @ np.array([0.28, 0.0, 0.0])))
+        parts.append(arm.at(turn @ flat, (0.0, 0.0, 0.07)))
+        parts.append(castor.at(np.eye(3), turn @ np.array([0.28, 0.0, 0.0])))
     return parts
 
 
 def _block(size: Size, main: int, _dark: int) -> list[Mesh]:
     x, y, z = _half(size)
-    return [box((-x, -y, 0), (x, y, z), main)]
+    return [upright_box(x, y, 0, z, main)]
 
 
 def _partition(size: Size, main: int, dark: int) -> list[Mesh]:
     x, y, z = _half(size)
+    foot_y = y * 0.8
     return [
-        box((-x, -y, 0.08), (x, y, z - 0.03), main),
-        box((-x - 0.005, -y - 0.01, z - 0.03), (x + 0.005, y + 0.01, z), dark),
-        box((-x, -y * 0.8, 0), (-x + 0.04, y * 0.8, 0.1), dark),
-        box((x - 0.04, -y * 0.8, 0), (x, y * 0.8, 0.1), dark),
+        upright_box(x, y, 0.08, z - 0.03, main),
+        upright_box(x + 0.005, y + 0.01, z - 0.03, z, dark),
+        box((-x, -foot_y, 0), (-x + 0.04, foot_y, 0.1), dark),
+        box((x - 0.04, -foot_y, 0), (x, foot_y, 0.1), dark),
     ]
 
 
@@ -229,52 +232,48 @@ def _shelf(size: Size, main: int, dark: int) -> list[Mesh]:
     x, y, z = _half(size)
     parts = [box((-x, -y, 0), (x - 0.06, y, z), main)]
     for k in range(int(z / BOARD_STEP_M) + 1):
-        bottom = min(k * BOARD_STEP_M, z - 0.02)
-        top = min(k * BOARD_STEP_M + 0.02, z)
-        parts.append(box((-x, -y, bottom), (x, y, top), dark))
+        height = k * BOARD_STEP_M
+        bottom = min(height, z - 0.02)
+        top = min(height + 0.02, z)
+        parts.append(upright_box(x, y, bottom, top, dark))
     parts.append(box((-x, -y - 0.02, 0), (x, -y, z), dark))
     parts.append(box((-x, y, 0), (x, y + 0.02, z), dark))
     return parts
 
 
 def _plant(size: Size, main: int, dark: int) -> list[Mesh]:
-    pot_rings = [(0, 0.0, 0.0, 0, 0), (0, 0.13, 0.13, 0, 0), (0.3, 0.18, 0.18, 0, 0), (0.3, 0.0, 0.0, 0, 0)]
-    parts = [sweep(pot_rings, dark, 14)]
+    pot = sweep(flat_ended([(0, 0.13, 0.13), (0.3, 0.18, 0.18)]), dark, 14)
+    parts = [pot]
     rng = np.random.default_rng(7)
     for _ in range(22):
         tilt = rng.uniform(0.2, 1.1)
         turn = rng.uniform(0, 2 * np.pi)
         length = rng.uniform(0.6, 1.0) * (size[2] - 0.3)
         leaf = sweep(dome_rings(0, length, (0.006, 0.055), n=6), main, 6)
-        cosine = np.cos(tilt)
-        sine = np.sin(tilt)
-        lean = np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]])
-        parts.append(leaf.moved(rotation_z(turn) @ lean, (0, 0, 0.28)))
+        parts.append(leaf.at(rotation_z(turn) @ rotation_y(tilt), (0, 0, 0.28)))
     return parts
 
 
 def _sofa(size: Size, main: int, dark: int) -> list[Mesh]:
     x, y, z = _half(size)
-    return [
-        box((-x, -y, 0.06), (x, y, 0.44), main),
-        box((-x, -y, 0.44), (-x + 0.22, y, z), main),
-        box((-x, -y, 0.44), (x, -y + 0.18, 0.62), main),
-        box((-x, y - 0.18, 0.44), (x, y, 0.62), main),
-        box((-x + 0.05, -y + 0.05, 0), (x - 0.05, y - 0.05, 0.06), dark),
-    ]
+    seat = upright_box(x, y, 0.06, 0.44, main)
+    back = box((-x, -y, 0.44), (-x + 0.22, y, z), main)
+    right_arm = box((-x, -y, 0.44), (x, -y + 0.18, 0.62), main)
+    left_arm = box((-x, y - 0.18, 0.44), (x, y, 0.62), main)
+    base = upright_box(x - 0.05, y - 0.05, 0, 0.06, dark)
+    return [seat, back, right_arm, left_arm, base]
 
 
 def _column(size: Size, main: int, _dark: int) -> list[Mesh]:
     x, y, z = _half(size)
-    return [sweep([(0, 0.0, 0.0, 0, 0), (0, x, y, 0, 0), (z, x, y, 0, 0), (z, 0.0, 0.0, 0, 0)], main, 24)]
+    return [sweep(flat_ended([(0, x, y), (z, x, y)]), main, 24)]
 
 
 def _bench(size: Size, main: int, dark: int) -> list[Mesh]:
     x, y, z = _half(size)
-    parts = [box((-x, -y, z - 0.05), (x, y, z), main)]
-    for foot_y in (-y * 0.7, y * 0.7):
-        parts.append(box((-x + 0.03, foot_y - 0.03, 0), (x - 0.03, foot_y + 0.03, z - 0.05), dark))
-    return parts
+    seat = upright_box(x, y, z - 0.05, z, main)
+    feet = [upright_box(x - 0.03, 0.03, 0, z - 0.05, dark, (0.0, foot_y)) for foot_y in (-y * 0.7, y * 0.7)]
+    return [seat, *feet]
 
 
 _KINDS: dict[FurnitureKind, tuple[Size, Surface, Builder]] = {
