@@ -13,7 +13,8 @@ from planview.api.arguments import Settings, in_range, opening, path_of, setting
 from planview.api.contents import Contents, contents_of
 from planview.api.result import Result, aligned, plural
 from planview.checks.check import Check
-from planview.checks.examine import Diagnosis, examine, write_pictures
+from planview.checks.examine import Diagnosis, examine
+from planview.checks.pictures import write_pictures
 from planview.engine.setup import floor_search
 from stereo.floor import PairFrames
 from stereo.readers.open import is_multi_rig

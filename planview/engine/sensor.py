@@ -23,7 +23,7 @@ from calib.ground_camera import GroundCamera
 from calib.images import as_grey
 from calib.types import U8, AnyArray
 from planview.checks.check import Check
-from planview.checks.scene import standing_checks
+from planview.checks.images import standing_checks
 from planview.engine.config import Config, SingleCameraParams
 from planview.engine.feedback import Feedback
 from planview.engine.setup import Setup

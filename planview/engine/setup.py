@@ -17,13 +17,13 @@ from calib.rig import Floor
 from calib.types import F64
 from calib.world import RIGS_FILE
 from planview.checks.check import Check
+from planview.checks.images import image_checks
 from planview.checks.motion import still_checks
 from planview.checks.scene import (
     alignment_checks,
     explanation_checks,
     floor_checks,
     given_floor_check,
-    image_checks,
     run_checks,
 )
 from planview.engine.config import Config

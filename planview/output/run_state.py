@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from calib.carried import Carried
 from calib.times import PAUSE_S, jump_note
 from planview.checks.check import Check
-from planview.checks.examine import RecordingWatch, refuse_unless_ok
 from planview.checks.sensors import SensorPaths, SensorsWatch
+from planview.checks.watch import RecordingWatch, refuse_unless_ok
 from planview.counting.events import Event
 from planview.engine.engine import Engine, FrameResult
 from planview.output.folder import RunWarning

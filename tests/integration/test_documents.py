@@ -13,7 +13,7 @@ from short_clip import ROOT
 
 import planview
 from calib.times import Rate, jump_note, rate_of_times, run_on, spread_bursts
-from planview.checks.scene import standing_checks
+from planview.checks.images import standing_checks
 from planview.cli import main, make_app
 from planview.counting.rules import load_rules
 from stereo.doctor.hypotheses import HYPOTHESES

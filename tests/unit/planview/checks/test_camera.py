@@ -13,7 +13,8 @@ from calib.ground_camera import GroundCamera, save_ground_camera
 from calib.types import F32, U8
 from planview.checks.check import Check
 from planview.checks.examine import examine
-from planview.checks.scene import registration_checks, standing_checks
+from planview.checks.images import standing_checks
+from planview.checks.scene import registration_checks
 from stereo.readers import OpenOptions
 from stereo.recording import Frame, Shot
 from stereo.viewpoint import Standing, Viewpoints

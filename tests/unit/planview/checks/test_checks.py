@@ -19,10 +19,13 @@ from calib.rig import Floor, StereoRig
 from calib.types import F32, F64, U8
 from planview.api.check import verdict
 from planview.checks.check import Check, limited
-from planview.checks.examine import examine, refuse_unless_ok
+from planview.checks.examine import examine
+from planview.checks.heights import height_check
+from planview.checks.images import flicker_check, light_checks
 from planview.checks.motion import MotionWatch, repeated_check
-from planview.checks.scene import flicker_check, floor_checks, height_check, light_checks
+from planview.checks.scene import floor_checks
 from planview.checks.timing import LONGEST_LAG, SURELY, WINDOW, SpeedWatch, lag_of
+from planview.checks.watch import refuse_unless_ok
 from planview.cli import main
 from planview.commands.check import check
 from stereo.doctor.hypotheses import LATE
