@@ -38,9 +38,10 @@ below they differ by 0.014 (at a focal length of 350 px), between a person and w
 
 @dataclass
 class Depths:
-    """Pixels of depth as stored, as float32 metres (see ``metres``)."""
+    """Pixels of depth, as float32 metres (see ``metres``) or as they are stored."""
 
     units_per_m: float = UNITS_PER_M
+    as_stored: bool = False
     name = "depth images (one channel of 16 bits)"
     text = "depth"
 
@@ -52,20 +53,16 @@ class Depths:
         """Depth has no colour."""
 
     def __call__(self, stored: AnyArray) -> AnyArray:
-        return metres(stored, self.units_per_m)
+        return stored if self.as_stored else metres(stored, self.units_per_m)
 
 
 def metres(stored: AnyArray, units_per_m: float) -> F32:
     """(H, W) float32 [m] of depth as stored, NaN where unknown: 0, negative, not finite or out of any range.
-    Whole numbers count ``units_per_m`` to the metre; floating-point numbers are metres, or millimetres where most would
-    be beyond any range."""
-    whole = np.issubdtype(stored.dtype, np.integer)
-    depth = stored.astype(np.float32) * np.float32(1.0 / units_per_m if whole else 1.0)
+    Whole numbers count ``units_per_m`` to the metre; floating-point numbers are metres."""
+    depth = stored.astype(np.float32)
+    if np.issubdtype(stored.dtype, np.integer):
+        depth *= np.float32(1.0 / units_per_m)
     with np.errstate(invalid="ignore"):
-        few = depth[::8, ::8]
-        few = few[(few > 0) & (few < np.inf)]
-        if not whole and len(few) and np.median(few) > DEPTH_MAX_M:  # millimetres
-            depth = depth / np.float32(UNITS_PER_M)
         return np.where((depth > 0) & (depth < DEPTH_MAX_M), depth, np.float32(np.nan))
 
 

@@ -166,6 +166,7 @@ def replay(
     frame: int,
     *,
     overrides: Sequence[str] = (),
+    matcher: Matcher | None = None,
     out: Path | str | None = None,
     progress: Progress = unseen,
 ) -> Result[Trajectories]:
@@ -183,6 +184,7 @@ def replay(
         folder: Output folder of a run.
         frame: The frame to look at.
         overrides: One parameter, e.g. foreground.learning_rate=0.002; can be repeated.
+        matcher: The one that the run was tracked with, where it was one of your own.
         out: Picture to write; replay-N.png in the folder when not given.
         progress: Called after every frame.
 
@@ -190,7 +192,7 @@ def replay(
         The tracks up to the frame.
 
     Raises:
-        InputError: no run in the folder, a frame outside of it, or parameters that its maps exclude.
+        InputError: no run in the folder, a frame outside of it, parameters that its maps exclude, or another matcher.
         WorkError: the recording ends before the frame.
     """
     results = RunFolder(Path(folder))
@@ -198,7 +200,7 @@ def replay(
     config = settings(None, overrides, results.config)
     picture = path_of(out) or results.path / f"replay-{frame}.png"
     log.debug("tracking")
-    replayed = replay_run(results, config, frame, progress)
+    replayed = replay_run(results, config, frame, progress, matcher)
     write_difference(results, replayed, frame, ", ".join(overrides) or "again", picture)
     lines = [f"tracked from {replayed.source}", *difference_text(results, replayed, frame)]
     return Result(replayed.results.tracks, "\n".join(lines), {"source": str(replayed.source)}, files=[picture])

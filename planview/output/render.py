@@ -283,7 +283,7 @@ def scene_of(path: Path, options: OpenOptions | None = None) -> PointCloud:
     options = options or OpenOptions()
     if (path / "run.json").is_file():
         run = RunFolder(path)
-        run.refuse_own_parts(run.info.own_parts.keys() - {"tracker"})
+        run.refuse_own_parts(run.info.own_parts.keys() - {"tracker"}, "give the recording in place of the folder")
         config = run.config
         recording = run.recording or path
         if options.calibration is None:

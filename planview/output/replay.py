@@ -20,11 +20,14 @@ from planview.engine.open import FIXED_TABLES, TrackerName, open_engine
 from planview.evaluation.metrics import build_sequence, clear_scores, floor_similarity
 from planview.maps.recording import is_maps
 from planview.output.render import SceneComposer, frames_or_none
+from planview.output.resume import part_name
 from planview.output.run_folder import RunFolder
 from planview.output.tables import reading_decisions
 from planview.progress import Progress, unseen
 from planview.tracking.base import Decision
 from planview.trajectories.table import Trajectories, TrajectoryCollector
+from stereo.matcher import Matcher
+from stereo.readers import OpenOptions
 
 DECISIONS_MAX = 20
 TITLE_PX = 30
@@ -144,16 +147,28 @@ class ReplayedRun:
     source: Path
 
 
-def replay_run(results: RunFolder, config: Config, frame: int, progress: Progress = unseen) -> ReplayedRun:
+def replay_run(
+    results: RunFolder,
+    config: Config,
+    frame: int,
+    progress: Progress = unseen,
+    matcher: Matcher | None = None,
+) -> ReplayedRun:
     """Track up to a frame with other parameters: the plan-view recording of the run where they leave it valid, else the
-    recording. Raises InputError: no recording any more, or parameters that its maps exclude. WorkError: the recording
-    ends before the frame."""
+    recording, with the run's own matcher. Raises InputError: no recording any more, parameters that its maps exclude,
+    or another matcher. WorkError: the recording ends before the frame."""
     path = _source(results, config)
-    # Maps hold what a matcher and sensors of the user's own measured.
-    results.refuse_own_parts(["tracker"] if is_maps(path) else results.info.own_parts)
-    options = None if is_maps(path) else results.options
+    options: OpenOptions | None = results.options
+    missing = dict(results.info.own_parts)
+    if matcher is not None:
+        _refuse_another(matcher, missing.pop("matcher", "SGBM"))
+    if is_maps(path):  # these hold what a matcher and sensors of the user's own measured
+        matcher = options = None
+        missing = {role: name for role, name in missing.items() if role == "tracker"}
+    remedy = "replay it from Python and give the same matcher" if [*missing] == ["matcher"] else "run it again"
+    results.refuse_own_parts(missing, remedy)
     camera = results.camera if isinstance(results.camera, GroundCamera) else None
-    engine = open_engine(path, cast(TrackerName, results.info.tracker), config, camera, options)
+    engine = open_engine(path, cast(TrackerName, results.info.tracker), config, camera, options, matcher)
     collector = TrajectoryCollector()
     decisions = []
     reached = -1
@@ -168,6 +183,12 @@ def replay_run(results: RunFolder, config: Config, frame: int, progress: Progres
     if reached < frame and could_be_read:
         raise WorkError(f"{path}: expected frame {frame}, found the end of the recording after frame {reached}")
     return ReplayedRun(replace(results, other_tracks=collector.trajectories()), decisions, path)
+
+
+def _refuse_another(matcher: Matcher, tracked_with: str) -> None:
+    name = part_name(matcher)
+    if name != tracked_with:
+        raise InputError(f"expected {tracked_with}, with which the run was tracked, found {name}", argument="matcher")
 
 
 def _source(results: RunFolder, config: Config) -> Path:

@@ -132,13 +132,12 @@ class RunFolder:
             info = read_run_info(path.parent / "run.json")
         return info
 
-    def refuse_own_parts(self, roles: Iterable[str]) -> None:
+    def refuse_own_parts(self, roles: Iterable[str], remedy: str) -> None:
         """Raise InputError for parts that the user made and that are needed: a folder does not keep them."""
         names = [f"{role} {self.info.own_parts[role]}" for role in roles if role in self.info.own_parts]
         if names:
-            raise InputError(
-                f"{self.path}: tracked with your own {' and '.join(names)}, which the folder does not keep"
-            )
+            parts = " and ".join(names)
+            raise InputError(f"{self.path}: tracked with your own {parts}, which the folder does not keep: {remedy}")
 
     @property
     def recording(self) -> Path | None:

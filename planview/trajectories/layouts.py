@@ -56,6 +56,7 @@ def read_jsonl(path: Path) -> TrajectoryFile:
     """JSON lines; a last one that is cut short (the writer was interrupted) is left out."""
     states: list[str] = []
     numbers: list[F64] = []
+    times: list[Any] = []
     with expecting(path, "JSON lines", OSError, UnicodeDecodeError), path.open(encoding="utf-8") as file:
         for number, text in enumerate(iter(lambda: file.readline(LINE_MAX), ""), 1):
             if not text.strip():
@@ -70,19 +71,24 @@ def read_jsonl(path: Path) -> TrajectoryFile:
                 for person in frame["people"]:
                     states.append(str(person.get("state", "confirmed")))
                     numbers.append(_numbers(frame, person))
+                    times.append(frame.get("timestamp_s"))
             except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
                 fault = f"no {error}" if isinstance(error, KeyError) else error
                 raise InputError(f"{path}: expected a frame with people in line {number}, found {fault}") from error
     table = np.reshape(numbers, (-1, len(NUMBER_COLUMNS)))
-    columns = dict(zip(NUMBER_COLUMNS, table.T, strict=True))
-    return TrajectoryFile(table_of({**columns, "state": states}, path))
+    columns: dict[str, Any] = dict(zip(NUMBER_COLUMNS, table.T, strict=True))
+    columns["state"] = states
+    if any(isinstance(time, str) for time in times):
+        columns["timestamp_s"] = np.array(times, dtype=object)
+    return TrajectoryFile(table_of(columns, path))
 
 
 def _numbers(frame: dict[str, Any], person: dict[str, Any]) -> F64:
-    """The NUMBER_COLUMNS of one person, NaN where one is null or missing."""
+    """The NUMBER_COLUMNS of one person, NaN where one is null or missing, and for a time in words."""
     box = person.get("box_px") or (None, None, None, None)
     cells = dict(zip(BOX_COLUMNS, box, strict=True))
-    cells |= {"frame": frame["frame"], "timestamp_s": frame.get("timestamp_s"), "id": person["id"]}
+    time = frame.get("timestamp_s")
+    cells |= {"frame": frame["frame"], "timestamp_s": None if isinstance(time, str) else time, "id": person["id"]}
     return np.array([cells.get(name, person.get(name)) for name in NUMBER_COLUMNS], dtype=np.float64)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.doubt import Finding, Hypothesis, Score, best, shortlist
 from calib.types import F32, U8, AnyArray
-from stereo.depth import metres
+from stereo.depth import Depths, metres
 from stereo.doctor.hypotheses import (
     BASELINES,
     COLOURS,
@@ -55,8 +55,6 @@ SURELY = 3.0
 """Another state of a pair explains its rows and floor by this factor better than what was recorded does."""
 HIDDEN_FLOOR = -2.5
 """Plausibility of a pair's view without a floor, where rows count for more than the floor does."""
-RAW_UNITS = 65536.0
-"""Values per metre by which whole numbers of 16 bits are read as metres without a loss."""
 
 
 def diagnose(recording: Recording[StereoPair | DepthCamera], search: FloorSearch | None = None) -> Finding | None:
@@ -163,30 +161,26 @@ def stored_scene(recording: Recording[DepthCamera]) -> DepthScene:
     def rectified(image: U8, depth_m: F32) -> F32:
         return rectifier(image, sensor.registration(depth_m))[1]
 
-    units_per_m = sensor.depth_units.units_per_m if sensor.depth_units else 1.0
+    is_whole = sensor.depth_units is not None and all(np.issubdtype(depth.dtype, np.integer) for depth in values)
+    units_per_m = sensor.depth_units.units_per_m if sensor.depth_units and is_whole else 1.0
     stored = StoredDepth(images, values, units_per_m, ray, rectified)
     return DepthScene((), rectifier.geometry, stored).read(lambda values, stored: metres(values, stored.units_per_m))
 
 
 def _stored_frames(recording: Recording[DepthCamera]) -> tuple[list[U8], list[AnyArray]]:
-    """Images and depth as stored, of frames spread over a recording: whole numbers, or metres where they are."""
-    units = recording.sensor.depth_units
+    """Images and depth of frames spread over a recording: as stored, or metres where the sensor measures these."""
+    units = recording.sensor.depth_units or Depths()
     count = min(SPREAD_FRAMES, recording.n_frames)
     spread = np.unique(np.linspace(0, recording.n_frames - 1, count).round())
-    assumed = units.units_per_m if units else 1.0
     images: list[U8] = []
     depths: list[AnyArray] = []
+    units.as_stored = True
     try:
-        if units:
-            units.units_per_m = RAW_UNITS
         with closing(recording.decode([int(index) for index in spread])) as decoded:
             for image, depth in decoded:
                 if image.image is not None and depth.image is not None:
                     images.append(image.image)
                     depths.append(depth.image)
     finally:
-        if units:
-            units.units_per_m = assumed
-    if not units or any(np.nanmax(depth, initial=0.0) >= 1.0 for depth in depths):
-        return images, depths
-    return images, [np.nan_to_num(depth * RAW_UNITS).round().astype(np.uint16) for depth in depths]
+        units.as_stored = False
+    return images, depths

@@ -23,6 +23,7 @@ from stereo.rectify import rectified_rig
 AS_TAKEN = "record or convert the images as the cameras took them"
 SCALED = "give the calibration of these images"
 REGISTER = "give the calibration of the depth camera and its pose, or record registered depth"
+SCALE = "state its scale, or store floating-point numbers in metres"
 UPRIGHT = "turn the images, and calibrate the turned ones"
 TIMES = "give each camera the times of its images; where one counts from 0 and the other from 1, renumber it"
 PLANE_ODDS = 100.0
@@ -149,9 +150,7 @@ def _units(per_metre: float) -> Hypothesis[DepthScene]:
     def in_metres(values: AnyArray, stored: StoredDepth) -> F32:
         return _metres(values / per_metre)
 
-    return Hypothesis(
-        f"depth counts {per_metre:g} values per metre", "state its scale", lambda scene: scene.read(in_metres)
-    )
+    return Hypothesis(f"depth counts {per_metre:g} values per metre", SCALE, lambda scene: scene.read(in_metres))
 
 
 def _along_ray(values: AnyArray, stored: StoredDepth) -> F32:

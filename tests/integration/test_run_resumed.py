@@ -14,6 +14,7 @@ from crossing_video import CAMERA, CrossingVideo
 from rerun.chunk import RrdReader
 from toy_run import FEW
 
+import planview
 from calib.errors import InputError
 from calib.types import F32, U8
 from planview.engine.config import load_config
@@ -174,6 +175,24 @@ def test_the_parts_of_the_users_own_are_named_in_run_json(engine, tmp_path):
     run(engine_with(engine, OwnMatcher(), tracker), RunSpec(tmp_path, last_frame=0))
     info = read_run_info(tmp_path / "run.json")
     assert (info.tracker, info.own_parts) == ("OwnTracker", {"matcher": "OwnMatcher", "tracker": "OwnTracker v2"})
+
+
+@pytest.fixture
+def matched(copy: Path, tmp_path: Path) -> Path:
+    """The folder of a run with a matcher of the user's own."""
+    folder = tmp_path / "matched"
+    planview.run(copy, out=folder, matcher=OwnMatcher("one"), frames=5, overrides=[FEW])
+    return folder
+
+
+def test_a_run_with_a_matcher_of_the_users_own_is_replayed_with_it(matched):
+    replayed = planview.replay(matched, 3, matcher=OwnMatcher("one"))
+    assert "tracks are the same up to this frame" in replayed.text
+
+
+def test_another_matcher_does_not_replay_a_run(matched):
+    with pytest.raises(InputError, match="found OwnMatcher two"):
+        planview.replay(matched, 3, matcher=OwnMatcher("two"))
 
 
 def stop_with_matcher(engine: Engine, folder: Path, identity: str, **options: Any) -> None:

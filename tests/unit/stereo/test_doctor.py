@@ -17,7 +17,7 @@ from calib.doubt import best
 from calib.pose import SE3
 from calib.rig import Floor, StereoRig
 from calib.types import F32, U8, AnyArray
-from stereo.depth import Depths, metres
+from stereo.depth import Depths
 from stereo.doctor.diagnose import diagnose, diagnose_colours, diagnose_fields, place_of_depth
 from stereo.doctor.hypotheses import HYPOTHESES, MOUNTS
 from stereo.doctor.scenes import NO_FLOOR, FloorView, floor_score
@@ -174,16 +174,16 @@ RAY: F32 = np.linalg.norm(
 ).reshape(CAMERA.height, CAMERA.width).astype(np.float32)  # fmt: skip
 
 
-def measured(change: Change, camera: Camera = CAMERA) -> Recording[DepthCamera]:
+def measured(change: Change, camera: Camera = CAMERA, dtype: type = np.uint16) -> Recording[DepthCamera]:
     """A recording of changed depth in millimetres."""
     units = Depths()
 
     def decode(indices: Sequence[int] | None) -> Generator[tuple[Decoded, ...], None, None]:
         for i in range(FRAMES) if indices is None else indices:
             depth = depth_image(max(i, EMPTY))
-            stored = change(np.where(depth < 9, depth * 1000, 0).round()).astype(np.uint16)
+            stored = change(np.where(depth < 9, depth * 1000, 0).round()).astype(dtype)
             image = np.zeros(stored.shape, np.uint8)
-            yield Decoded(i, i / 10, image), Decoded(i, i / 10, metres(stored, units.units_per_m))
+            yield Decoded(i, i / 10, image), Decoded(i, i / 10, units(stored))
 
     sensor = DepthCamera(camera, "", "structured-light", lambda depth: depth, None, units)
     return Recording(Path("depth"), cast(Any, decode), FRAMES, FrameClock(10.0), [], sensor)
@@ -205,6 +205,14 @@ def test_fault_of_depth_is_named_with_the_floor_that_it_hides(fault: Change, nam
     assert (finding.hypothesis.name if finding else "") == name
     if finding and "inverse" not in name:  # whose scale is not known
         assert f"the floor is {HEIGHT_M:.1f}" in finding.measured
+
+
+def test_unit_of_floating_point_depth_that_is_not_metres_is_named() -> None:
+    assert named(measured(lambda mm: mm, dtype=np.float32)) == "depth counts 1000 values per metre"
+
+
+def test_floating_point_depth_in_metres_is_right() -> None:
+    assert diagnose(measured(lambda mm: mm / 1000, dtype=np.float32)) is None
 
 
 @pytest.mark.parametrize(("turns", "side"), [(1, "left"), (-1, "right")])

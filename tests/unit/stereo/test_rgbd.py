@@ -260,11 +260,6 @@ def test_mates_are_nearest_to_each_other_and_metres_leave_out_what_no_sensor_mea
     np.testing.assert_array_equal(found, np.array([[np.nan, 1.0, np.nan]], np.float32))
 
 
-@pytest.mark.parametrize("value", [2500.0, 2.5])
-def test_floats_beyond_any_range_are_millimetres(value):
-    np.testing.assert_allclose(metres(np.full((8, 8), value, np.float32), 1000.0), 2.5)
-
-
 def test_tum_line_with_the_time_of_another_is_named(tmp_path: Path) -> None:
     listed = "10.0 rgb/10.0.png\n10.1 rgb/10.1.png\n10.1 rgb/10.2.png\n10.10 rgb/10.3.png\n"
     (_tum(tmp_path) / "rgb.txt").write_text(listed)

@@ -214,6 +214,14 @@ def test_json_lines_that_are_cut_short_are_read_up_to_the_last_whole_frame(tmp_p
     assert load_tracks(tmp_path / "x").frame.tolist() == [0, 0, 1, 1]
 
 
+def test_dates_in_json_lines_are_times(tmp_path):
+    people = '"people": [{"id": 1, "x_m": 0.0, "y_m": 0.0}]'
+    times = ("2024-05-01T12:00:00.5Z", "2024-05-01T14:00:00.75+02:00")
+    lines = [f'{{"frame": {n}, "timestamp_s": "{time}", {people}}}' for n, time in enumerate(times)]
+    (tmp_path / "x").write_text("\n".join(lines))
+    assert np.diff(load_tracks(tmp_path / "x").timestamp_s) == pytest.approx(0.25)
+
+
 def _sqlite(path: Path, *statements: str) -> None:
     with sqlite3.connect(path) as database:
         for statement in statements:
