@@ -18,8 +18,7 @@ from calib.rig import StereoRig
 from calib.types import AnyArray
 from planview.checks.motion import MotionWatch
 from planview.checks.scene import delay_of
-from stereo.depth import metres
-from stereo.doctor.diagnose import RAW_UNITS, diagnose, diagnose_colours, diagnose_fields, place_of_depth
+from stereo.doctor.diagnose import diagnose, diagnose_colours, diagnose_fields, place_of_depth
 from stereo.doctor.hypotheses import REGISTER
 from stereo.readers import open_any
 from stereo.recording import Decoded, DepthCamera, Recording, StereoPair
@@ -162,20 +161,20 @@ def depth_faults(sensor: DepthCamera) -> list[Fault]:
 
 
 def stored(recording: Recording[Any]) -> Read:
-    """Reads frames of a recording by ascending indices, with depth in ``RAW_UNITS``, and keeps them for all faults."""
+    """Reads frames of a recording by ascending indices, with depth as it is stored, and keeps them for all faults."""
     kept = dict[int, tuple[Decoded, Decoded]]()
     units = getattr(recording.sensor, "depth_units", None)
 
     def read(indices: Sequence[int]) -> list[tuple[Decoded, Decoded]]:
-        assumed = units.units_per_m if units else 1.0
+        before = units is not None and units.as_stored
         try:
             if units:
-                units.units_per_m = RAW_UNITS
+                units.as_stored = True
             missing = sorted({*indices} - {*kept})
             kept.update((first.index, (first, second)) for first, second in recording.decode(missing))
         finally:
             if units:
-                units.units_per_m = assumed
+                units.as_stored = before
         return [kept[index] for index in indices]
 
     return read
@@ -198,13 +197,11 @@ def faulty(recording: Recording[Any], fault: Fault, read: Read) -> Recording[Any
             if fault.woven:
                 first = _woven(first, later.image)
                 second = _woven(now.image, second)
-            if units is not None:
-                second = np.nan_to_num(second * RAW_UNITS).round().astype(np.uint16)
             first, second = fault.images(first, second) if fault.images else (first, second)
             first = np.ascontiguousarray(first)
             second = np.ascontiguousarray(second)
             if units is not None:
-                second = metres(second, units.units_per_m)
+                second = units(second)
             yield replace(a, image=first), replace(now, image=second)
 
     return Recording(recording.path, cast(Any, decode), last + 1, recording.clock, [], sensor)
