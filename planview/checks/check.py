@@ -35,12 +35,12 @@ class Check:
 
     @property
     def failed(self) -> bool:
-        """Whether results cannot be trusted."""
+        """True if results cannot be trusted."""
         return not self.ok and not self.warns
 
     @property
     def is_unknown(self) -> bool:
-        """Whether a value that has a limit could not be measured."""
+        """True if a value that has a limit could not be measured."""
         return self.limit is not None and not math.isfinite(self.value)
 
     @property
@@ -72,11 +72,14 @@ class Check:
 
     def to_json(self) -> dict[str, Any]:
         """Plain values; what could not be measured is null."""
-        found = {"value": self.value, "std": self.std}
-        return asdict(self) | {name: round(x, 6) if math.isfinite(x) else None for name, x in found.items()}
+        return asdict(self) | {"value": _or_none(self.value), "std": _or_none(self.std)}
 
 
-def limited(
+def _or_none(value: float) -> float | None:
+    return round(value, 6) if math.isfinite(value) else None
+
+
+def limit_check(
     name: str, value: float, unit: str, note: str, *, least: float | None = None, most: float | None = None,
     needed: bool = False, warns: bool = False, std: float = math.nan,
 ) -> Check:  # fmt: skip

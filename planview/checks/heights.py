@@ -10,7 +10,7 @@ import numpy as np
 from calib.pose import SE3
 from calib.rig import Floor
 from calib.types import F32, F64, Bool
-from planview.checks.check import Check, limited
+from planview.checks.check import Check, limit_check
 from planview.foreground.ghosts import find_blobs
 from stereo.depth import RectifiedGeometry, back_project, median_image
 from stereo.floor import DepthFrames, PairFrames
@@ -35,13 +35,13 @@ def height_check(heights_m: F64, person_height_m: float | None = None) -> Check:
         least = person_height_m * (1 - HEIGHT_TOLERANCE)
         most = person_height_m * (1 + HEIGHT_TOLERANCE)
         note += ": baseline and units"
-        return limited("person height", height_m, "m", note, least=least, most=most, needed=True)
+        return limit_check("person height", height_m, "m", note, least=least, most=most, needed=True)
     note = "of moving people; no known height was given"
     if not POSSIBLE_M[0] <= height_m <= POSSIBLE_M[1]:
-        return limited("person height", height_m, "m", note, least=POSSIBLE_M[0], most=POSSIBLE_M[1])
+        return limit_check("person height", height_m, "m", note, least=POSSIBLE_M[0], most=POSSIBLE_M[1])
     if not LIKELY_M[0] <= height_m <= LIKELY_M[1]:
         note = "likely a wrong focal length, baseline or unit of length in the calibration, or no standing adults"
-    return limited("person height", height_m, "m", note, least=LIKELY_M[0], most=LIKELY_M[1], warns=True)
+    return limit_check("person height", height_m, "m", note, least=LIKELY_M[0], most=LIKELY_M[1], warns=True)
 
 
 def person_heights(seen: PairFrames | DepthFrames, floor: Floor | None) -> F64:

@@ -11,7 +11,7 @@ import numpy as np
 from calib.doubt import Finding
 from calib.images import as_grey
 from calib.types import U8
-from planview.checks.check import Check, limited
+from planview.checks.check import Check, limit_check
 from stereo.doctor.diagnose import diagnose_colours, diagnose_fields
 from stereo.matcher import SATURATED_LEVEL
 from stereo.recording import Frame, Shot
@@ -34,10 +34,10 @@ def image_checks(frames: Sequence[Frame[Shot]]) -> list[Check]:
     return [
         *light_checks(lefts, rights),
         # Ratio of the cameras' median brightness; block matching bears small differences only.
-        limited("brightness match", ratio, "", "mean brightness of one camera over the other", most=2.0),
+        limit_check("brightness match", ratio, "", "mean brightness of one camera over the other", most=2.0),
         # Grey steps at the borders of blocks over those inside, which match at the same place in both cameras and
         # pull disparities there. Images as recorded have 0.7 to 1.3, JPEG of quality 10 has 5 and loses the floor.
-        limited("compression", blocks, "", steps, most=2.0),
+        limit_check("compression", blocks, "", steps, most=2.0),
         explained_check("colours", diagnose_colours(frames), "rows of both cameras have the same colours", warns=True),
         *fields_checks(frames),
     ]
@@ -67,11 +67,11 @@ def light_checks(*cameras: Sequence[U8]) -> list[Check]:
     darkest = names[int(np.argmin(bright))]
     return [
         # Share of saturated pixels that leaves enough to see people by; a sunny terrace has up to a quarter.
-        limited(
+        limit_check(
             "over-exposure", max(saturated), "", f"share of saturated pixels{most_saturated}", most=0.35, warns=True
         ),
         # Below this grey level of the brightest tenth of a picture, sensor noise is a good part of any texture.
-        limited("under-exposure", min(bright), "grey", f"brightest tenth of the picture{darkest}", least=40.0),
+        limit_check("under-exposure", min(bright), "grey", f"brightest tenth of the picture{darkest}", least=40.0),
     ]
 
 
@@ -112,7 +112,7 @@ def flicker_check(levels: Sequence[float]) -> Check:
         share = darker / max(float(np.mean(levels)) + 0.5 * darker, 1.0)
     # A lamp's flicker and automatic exposure change a few percent.
     note = "share by which every second frame is darker: exposure or emitter alternates; both lights are followed"
-    return limited("light from frame to frame", share, "", note, most=0.08, warns=True)
+    return limit_check("light from frame to frame", share, "", note, most=0.08, warns=True)
 
 
 def standing_checks(standing: Standing, after: str) -> list[Check]:
@@ -143,4 +143,4 @@ def spread_checks(view: SpreadView) -> list[Check]:
 def shake_check(sway: Sway) -> Check:
     """A warning where cameras come and go about one view."""
     note = "rotation to and fro about one view; people are tracked, and their places err by as much: fix the mount"
-    return limited("camera shake", sway.together_deg, "deg", note, most=SHAKE_DEG, warns=True)
+    return limit_check("camera shake", sway.together_deg, "deg", note, most=SHAKE_DEG, warns=True)

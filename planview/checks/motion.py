@@ -13,7 +13,7 @@ import numpy as np
 from calib.carried import Carried
 from calib.images import as_grey
 from calib.types import F64, U8, AnyArray, Bool
-from planview.checks.check import Check, limited
+from planview.checks.check import Check, limit_check
 from planview.checks.timing import GROUPS, LONGEST_LAG, MIN_FRAMES, SURELY, WINDOW, Lag, lag_of
 from stereo.floor import DepthFrames, PairFrames
 from stereo.recording import Frame, Shot
@@ -31,6 +31,8 @@ MIN_TAIL = 48
 """Frames from which on a lag is searched in the last part of the time alone."""
 MAX_REPEATED = 0.1
 """Share of pairs that repeat the one before while people move: a tenth spoils every velocity."""
+COPIES_MAX = 2
+"""Longest time in which a pair that repeats is a copy, and not a camera that stands still [frames]."""
 JUMPED = 1.5
 """Images that stood still go on with this many times the movement of the frame before: people walked on meanwhile, and
 who stood starts slowly."""
@@ -48,8 +50,8 @@ class PairChanges(NamedTuple):
 
 
 class Stall(NamedTuple):
-    """A time in which images stand still while people move: how many do, from which step until which, and whether the
-    first and the second image do."""
+    """A time in which images stand still while people move: in how many steps, from which one until which, and whether
+    the first and the second image do."""
 
     frames: int
     start: int
@@ -60,8 +62,7 @@ class Stall(NamedTuple):
 
 def runs_of(mask: Bool) -> list[tuple[int, int]]:
     """First index, and the index after the last, of each run of True."""
-    padded = np.concatenate([[False], mask, [False]])
-    edges = np.flatnonzero(padded[1:] != padded[:-1])
+    edges = np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0))
     return [(int(start), int(end)) for start, end in edges.reshape(-1, 2)]
 
 
@@ -69,7 +70,7 @@ def lone_stalls(steps: PairChanges) -> list[Stall]:
     """Times in which one image stands still while the other one moves."""
     active = np.flatnonzero(steps.is_active)
     stalls = []
-    for start, end in runs_of(frozen(steps)[active]):
+    for start, end in runs_of(is_frozen(steps)[active]):
         last = int(active[end - 1])
         first_stands = bool(steps.first_repeats[last])
         stalls.append(Stall(end - start, int(active[start]), last, first_stands, not first_stands))
@@ -78,30 +79,20 @@ def lone_stalls(steps: PairChanges) -> list[Stall]:
 
 def common_stalls(steps: PairChanges, is_pair: bool) -> list[Stall]:
     """Times in which all images stand still, between two that move; of depth, those in which its image does."""
+    stands = steps.first_repeats
+    if is_pair:
+        stands = stands & steps.second_repeats
     stalls = []
-    for start, end in runs_of(standing(steps, is_pair)):
-        if start > 0 and end < len(steps.time_s) and steps.is_active[start - 1] and steps.is_active[end]:
+    for start, end in runs_of(stands):
+        if start > 0 and end < len(stands) and steps.is_active[start - 1] and steps.is_active[end]:
             stalls.append(Stall(end - start, start, end, True, bool(steps.second_repeats[end - 1])))
     return stalls
 
 
-def frozen(steps: PairChanges) -> Bool:
-    """(N,) whether one image moves and the other one repeats to the last bit: a camera that nobody walks past has
+def is_frozen(steps: PairChanges) -> Bool:
+    """(N,) True where one image moves and the other one repeats to the last bit: a camera that nobody walks past has
     noise."""
     return np.asarray(steps.is_active & (steps.first_repeats | steps.second_repeats))
-
-
-def standing(steps: PairChanges, is_pair: bool) -> Bool:
-    """(N,) whether all images repeat; of an image with depth whether the image does."""
-    if is_pair:
-        return np.asarray(steps.first_repeats & steps.second_repeats)
-    return steps.first_repeats
-
-
-def repeated_pairs(steps: PairChanges, is_pair: bool) -> int:
-    """Copies of a pair between moving ones; a scene in which nothing moves may repeat for hours."""
-    stalls = common_stalls(steps, is_pair)
-    return sum(stall.frames for stall in stalls if stall.second and stall.frames <= 2)
 
 
 def longest_stall(steps: PairChanges, is_pair: bool) -> Stall | None:
@@ -110,7 +101,7 @@ def longest_stall(steps: PairChanges, is_pair: bool) -> Stall | None:
     for stall in common_stalls(steps, is_pair):
         before = steps.moved_share[stall.start - 1]
         after = steps.moved_share[stall.end]
-        if stall.frames > 2 and after > JUMPED * before:
+        if stall.frames > COPIES_MAX and after > JUMPED * before:
             stalls.append(stall)
     return max(stalls, key=lambda stall: stall.frames, default=None)
 
@@ -155,25 +146,26 @@ class MotionWatch(Carried):
         first, second = ("left camera", "right camera") if self._is_pair else ("image", "depth")
         frozen_share = math.nan
         longest = math.nan
-        where = ""
+        alone = f"share of frames in which the {first} or the {second} alone stands still"
+        note = "longest such time"
         if active:
-            frozen_share = float(frozen(steps).sum() / active)
-            stall = longest_stall(steps, self._is_pair)
+            frozen_share = float(np.count_nonzero(is_frozen(steps)) / active)
             longest = 0.0
+            stall = longest_stall(steps, self._is_pair)
             if stall is not None:
                 longest = float(stall.frames)
                 from_s = steps.time_s[stall.start]
                 to_s = steps.time_s[stall.end]
                 where = f": {_who_stands(stall, first, second)} still from {from_s:.1f} to {to_s:.1f} s"
-        alone = f"share of frames in which the {first} or the {second} alone stands still"
-        if frozen_share > 0:
-            alone += where
+                note += where
+                if frozen_share > 0:
+                    alone += where
         copies = "share of pairs that repeat the one before"
         checks = [
-            limited("frozen camera", frozen_share, "", alone, most=0.1),
+            limit_check("frozen camera", frozen_share, "", alone, most=0.1),
             # Half a second at 15 Hz [frames]; what both cameras show moves in both.
-            limited("stalled camera", longest, "frames", f"longest such time{where}", most=8, warns=True),
-            limited("repeated pairs", self.repeated, "", copies, most=MAX_REPEATED),
+            limit_check("stalled camera", longest, "frames", note, most=8, warns=True),
+            limit_check("repeated pairs", self.repeated, "", copies, most=MAX_REPEATED),
         ]
         if self._is_pair:
             lag, apart = self._lag(steps)
@@ -187,7 +179,11 @@ class MotionWatch(Carried):
         active = np.count_nonzero(steps.is_active)
         if not active:
             return math.nan
-        copies = repeated_pairs(steps, self._is_pair)
+        copies = 0
+        for stall in common_stalls(steps, self._is_pair):
+            # A scene in which nothing moves may repeat for hours.
+            if stall.second and stall.frames <= COPIES_MAX:
+                copies += stall.frames
         return float(copies / (active + copies))
 
     def _append(self, row: tuple[float, ...]) -> None:
@@ -205,36 +201,35 @@ class MotionWatch(Carried):
         cameras are apart by it, or as far apart as pictures that were written twice leave them."""
         if not steps.is_active.any() or not self._bands:
             return Lag(), False
-        signals = np.stack(self._bands)
-        count = len(signals)
-        parts = []
-        if count // 2 >= WINDOW:
-            parts.append(signals[: count // 2])
-        # A camera may lose its step on the way, and stays behind to the end.
-        tails = (signals[count * k // GROUPS :] for k in range(2, GROUPS - 1))
-        parts += [tail for tail in tails if len(tail) >= MIN_TAIL]
-        lag = lag_of(signals[:, 0], signals[:, 1])
+        left, right = np.stack(self._bands, axis=1)
+        count = len(left)
+        lag = lag_of(left, right)
         if lag.gain < SURELY:
-            sure = [part_lag for part in parts if (part_lag := lag_of(part[:, 0], part[:, 1])).gain >= SURELY]
-            lag = max(sure, key=lambda part_lag: part_lag.gain, default=lag)
+            parts = [slice(0, count // 2)] if count // 2 >= WINDOW else []
+            # A camera may lose its step on the way, and stays behind to the end.
+            starts = [count * k // GROUPS for k in range(2, GROUPS - 1)]
+            parts += [slice(start, count) for start in starts if count - start >= MIN_TAIL]
+            for part in parts:
+                part_lag = lag_of(left[part], right[part])
+                if part_lag.gain >= SURELY and not lag.gain >= part_lag.gain:
+                    lag = part_lag
         if lag.apart:
             return lag, True
         behind, since = pictures_behind(steps)
         if behind and MIN_FRAMES <= since < count:
-            tail = signals[count - since :]
-            lag_since = lag_of(tail[:, 0], tail[:, 1])
+            lag_since = lag_of(left[-since:], right[-since:])
             if math.isfinite(lag_since.frames) and round(lag_since.frames) == behind:
                 return lag_since, True
         return lag, False
 
 
 def moved_pixels(before: AnyArray, now: AnyArray) -> Bool:
-    """(h, w) whether each pixel changed by more than noise."""
+    """(h, w) mask of the pixels that changed by more than noise."""
     return np.asarray(cv2.absdiff(before, now) > MOVED_LEVEL, dtype=np.bool_)
 
 
 def repeats(before: AnyArray, now: AnyArray) -> bool:
-    """Whether an image is the one before to the last bit; without any depth nothing stands still."""
+    """True if an image is the one before to the last bit; without any depth nothing stands still."""
     return bool((before == now).all() and before.any())
 
 
@@ -245,14 +240,14 @@ def movement_in_bands(moved: Bool) -> F64:
 
 
 def pictures_behind(steps: PairChanges) -> tuple[int, int]:
-    """How many pictures that were written twice leave the right camera behind the left one, and how many steps with
-    movement, or soon after it, there are from the last of them on."""
-    is_frozen = frozen(steps)
-    if not is_frozen.any():
-        return 0, len(steps.time_s)
-    behind = np.count_nonzero(is_frozen & steps.second_repeats) - np.count_nonzero(is_frozen & steps.first_repeats)
-    last = int(np.flatnonzero(is_frozen)[-1])
-    index = np.arange(last, len(steps.time_s))
+    """Pictures that were written twice and leave the right camera behind the left one, and the number of steps with
+    movement, or soon after it, from the last of them on."""
+    frozen = is_frozen(steps)
+    if not frozen.any():
+        return 0, len(frozen)
+    behind = np.count_nonzero(frozen & steps.second_repeats) - np.count_nonzero(frozen & steps.first_repeats)
+    last = int(np.flatnonzero(frozen)[-1])
+    index = np.arange(last, len(frozen))
     last_active = np.maximum.accumulate(np.where(steps.is_active[last:], index, last))
     return int(behind), int(np.count_nonzero(index - last_active <= LONGEST_LAG))
 
@@ -278,4 +273,4 @@ def repeated_check(images: Sequence[U8]) -> Check:
         small = as_grey(image)[::STEP_PX, ::STEP_PX]
         watch.update(Thumbnails(small, small))
     note = "share of frames that repeat the one before"
-    return limited("repeated frames", watch.repeated, "", note, most=MAX_REPEATED, warns=True)
+    return limit_check("repeated frames", watch.repeated, "", note, most=MAX_REPEATED, warns=True)

@@ -14,7 +14,7 @@ from calib.floor.plane import MIN_INLIER_FRACTION
 from calib.pose import SE3
 from calib.rig import Floor
 from calib.types import F32, F64
-from planview.checks.check import Check, limited
+from planview.checks.check import Check, limit_check
 from planview.checks.heights import LIKELY_M, height_check, heights_above_floor, person_heights
 from planview.checks.images import explained_check
 from planview.checks.motion import repeated_check
@@ -48,17 +48,17 @@ def alignment_checks(seen: PairFrames) -> list[Check]:
         std_deg = float(np.degrees(np.linalg.norm(turn.deviations)))
     correction = seen.correction
     return [
-        limited("matched corners", float(len(matches)), "", "corners that both cameras show", least=MIN_MATCHES),
+        limit_check("matched corners", float(len(matches)), "", "corners that both cameras show", least=MIN_MATCHES),
         # Share of corners whose right place is to the left of the left one; far corners may err by calibration.
-        limited("left-right order", ordered, "", "share of corners nearer than infinity", least=0.8),
+        limit_check("left-right order", ordered, "", "share of corners nearer than infinity", least=0.8),
         # Row offset of the calibration as it is [px of 640]: a factory calibration after some years has up to 0.5. A
         # run takes out the turn that explains it, but a rig that moved this far is better calibrated again.
-        limited("row offset", offset_px, "px", "median, of 640 px, before the rig is corrected", most=1.5),
+        limit_check("row offset", offset_px, "px", "median, of 640 px, before the rig is corrected", most=1.5),
         # Rotation of the right camera since calibration: half a degree of pan shifts disparities by 3.5 px of 640, or
         # 15 % of the depth at 2 m; a worn factory calibration has up to 0.2.
-        limited("camera turn", turned_deg, "deg", f"since calibration; {correction}", std=std_deg, most=0.5),
+        limit_check("camera turn", turned_deg, "deg", f"since calibration; {correction}", std=std_deg, most=0.5),
         # Row offset that is left [px]: block matching loses half of its matches beyond.
-        limited("row residual", correction.after_px, "px", "median, after the rig is corrected", most=0.5),
+        limit_check("row residual", correction.after_px, "px", "median, after the rig is corrected", most=0.5),
     ]
 
 
@@ -69,7 +69,7 @@ VALID_SHARE_MIN = 0.35
 def disparity_check(shares: Sequence[float]) -> Check:
     """The share of pixels with a disparity in the median frame."""
     share = float(np.median(shares)) if len(shares) else math.nan
-    return limited("valid disparity", share, "", "share of the picture, median frame", least=VALID_SHARE_MIN)
+    return limit_check("valid disparity", share, "", "share of the picture, median frame", least=VALID_SHARE_MIN)
 
 
 def scene_checks(seen: PairFrames | DepthFrames, floor: Floor | None, refused: str) -> list[Check]:
@@ -96,9 +96,9 @@ def floor_checks(floor: Floor | None, refused: str = "") -> list[Check]:
             std_m = math.sqrt(floor.covariance[0, 0])
     checks = [
         # Share of valid depth on the floor (a hand's breadth of floor between furniture still shows it).
-        limited("floor share", share, "", note, least=0.10, needed=floor is None),
+        limit_check("floor share", share, "", note, least=0.10, needed=floor is None),
         # Deviation of floor points from the plane [m]: with more, a foot looks like a shadow.
-        limited("floor flatness", flatness_m, "m", "rms from the plane", most=0.12),
+        limit_check("floor flatness", flatness_m, "m", "rms from the plane", most=0.12),
         camera_height(height_m, "above the floor", std_m),
     ]
     if floor is not None and floor.doubt:
@@ -167,7 +167,7 @@ def _deviations_off(points: F32, pose: SE3, geometry: RectifiedGeometry) -> F32:
 
 def camera_height(height_m: float, note: str, std_m: float = math.nan) -> Check:
     """A height above the floor from which people can be tracked."""
-    return limited("camera height", height_m, "m", note, std=std_m, least=1.2, most=10.0)
+    return limit_check("camera height", height_m, "m", note, std=std_m, least=1.2, most=10.0)
 
 
 DOUBTED = frozenset({
@@ -193,7 +193,7 @@ def registration_checks(spread: Sequence[Frame[Shot]], run: Sequence[Frame[Shot]
     """The place of depth on its image, from frames spread over a recording, and its time, from consecutive ones."""
     place = place_of_depth(spread)
     farthest_px = float(np.abs(place.shift_px).max())
-    check = limited("depth on its image", farthest_px, "px", str(place), most=SHIFT_PX_MAX, warns=True)
+    check = limit_check("depth on its image", farthest_px, "px", str(place), most=SHIFT_PX_MAX, warns=True)
     if place.finding:  # depth of another place is worse, of another view useless
         check = explained_check(check.name, place.finding, "", warns=place.finding.hypothesis.remedy == REGISTER)
     lag = Lag() if check.failed else delay_of(run)
@@ -240,5 +240,5 @@ def depth_checks(geometry: RectifiedGeometry) -> list[Check]:
     for distance_m, most in ((2, 0.15), (4, 0.5), (8, None)):
         deviation_m = geometry.depth_std_m(float(distance_m))
         note = "predicted standard deviation"
-        checks.append(limited(f"depth error at {distance_m} m", deviation_m, "m", note, most=most))
+        checks.append(limit_check(f"depth error at {distance_m} m", deviation_m, "m", note, most=most))
     return checks

@@ -1,4 +1,4 @@
-"""Whether the sensors of one place agree: people whom two of them see are at one place at one time."""
+"""Agreement of the sensors of one place: people whom two of them see are at one place at one time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from calib.floor.plane import PEOPLE_M
 from calib.floor_camera import FloorCamera
 from calib.pose import SE3
 from calib.types import F32, F64, Bool
-from planview.checks.check import Check, limited
+from planview.checks.check import Check, limit_check
 from planview.evaluation.align import LEAST_M, fit_rigid
 from planview.evaluation.paths import (
     MEET_M,
@@ -42,7 +42,7 @@ EVERY_S = 0.18
 CELL_M = 0.1
 """Cells in which people are kept apart [m]."""
 TRUNK_M = 0.9
-"""What is lower is furniture and legs [m]."""
+"""Furniture and legs are lower [m]."""
 TOP_M = 0.35
 """Head and shoulders, whose middle is a person's place [m]."""
 SURFACE_TO_AXIS_M = 0.1
@@ -53,7 +53,7 @@ MIN_PERSON_M = 1.2
 """Lower tops are of things, of children and of people who sit [m]."""
 STRIDE_M = 0.7
 LOST_S = 0.6
-"""How far a person comes between two looks, and how long a path goes on unseen [m, s]."""
+"""Longest way of a person between two looks, and longest time in which a path goes on unseen [m, s]."""
 MIN_PATH_S = 1.0
 MAX_PATH_S = 60.0
 MAX_PATHS = 30
@@ -114,7 +114,7 @@ class _Track:
         return self.times_s[-1] - self.times_s[0]
 
     def goes_on(self, time_s: float) -> bool:
-        """Whether a look at this time may be the next one."""
+        """True if a look at this time may be the next one."""
         return time_s - self.times_s[-1] < LOST_S and self.seconds < MAX_PATH_S
 
 
@@ -173,7 +173,7 @@ class SensorPaths(Carried):
 
 
 def _sees(camera: FloorCamera, xy_m: F64) -> Bool:
-    """(N,) which places of people's chests are in a camera's image."""
+    """(N,) mask of the places where a person's chest is in a camera's image."""
     pixels = camera.project(np.column_stack([xy_m, np.full(len(xy_m), TRUNK_M)]))
     with np.errstate(invalid="ignore"):
         inside = (pixels >= 0.0) & (pixels < np.array(camera.size))
@@ -206,13 +206,13 @@ class SensorsWatch(Carried):
             sensor.update(time_s, points)
 
     def checks(self) -> list[Check]:
-        """How far apart each two sensors see the same people."""
+        """Distances at which each two sensors see the same people."""
         return [agreement_check(first, second) for first, second in combinations(self._sensors, 2)]
 
 
 def watch_sensors(recording: SeveralSensors, seen: Sequence[PairFrames | DepthFrames], frames: int) -> SensorsWatch:
-    """What the sensors of a recording see of people, in as many frames of each around those in which most moves;
-    ``seen`` are frames of each spread over it."""
+    """A watch of the people whom the sensors of a recording see, in as many frames of each around those in which most
+    moves; ``seen`` are frames of each spread over it."""
     starts_s = np.array(recording.starts_s)
     middle_s = starts_s[0] + _liveliest_s(seen[0])
     sensors = []
@@ -253,20 +253,20 @@ def _points(depth: F32, geometry: RectifiedGeometry, world_SE3_left: SE3) -> Flo
 
 
 def agreement_check(first: SensorPaths, second: SensorPaths) -> Check:
-    """How far apart two sensors see the same people, and what would let them agree."""
+    """The distance at which two sensors see the same people, and what would let them agree."""
     name = f"{first.name} and {second.name}: people apart"
     agreement = agree(first.paths(second.camera), second.paths(first.camera))
     if agreement is None:
-        return limited(name, math.nan, "m", "nobody walked where both sensors look", most=APART_M, warns=True)
+        return limit_check(name, math.nan, "m", "nobody walked where both sensors look", most=APART_M, warns=True)
     causes = [_cause(second, motion) for motion in agreement.corrections]
     note = "median distance between the places of people whom both see"
     if causes and agreement.apart_m > APART_M:
         note += f"; they would agree with {' or '.join(causes)}"
-    return limited(name, agreement.apart_m, "m", note, most=APART_M, warns=True)
+    return limit_check(name, agreement.apart_m, "m", note, most=APART_M, warns=True)
 
 
 def _cause(sensor: SensorPaths, motion: RigAlignment) -> str:
-    """What a correction changes in ``rigs.toml``, in words."""
+    """The change of a correction to ``rigs.toml``, in words."""
     if motion.clock_s:
         return f"start_s of {sensor.name} {abs(motion.clock_s):.1f} s {'smaller' if motion.clock_s < 0 else 'larger'}"
     camera_m = sensor.camera.centre_m[:2]
@@ -280,8 +280,8 @@ def _cause(sensor: SensorPaths, motion: RigAlignment) -> str:
 
 @dataclass(frozen=True)
 class Agreement:
-    """How far apart two sensors see the same people, in the median [m], and what would let them agree: nothing where
-    they do."""
+    """Median distance at which two sensors see the same people [m], and corrections that would let them agree: none
+    where they do."""
 
     apart_m: float
     corrections: tuple[RigAlignment, ...] = ()
@@ -291,16 +291,21 @@ def agree(first: Paths, second: Paths) -> Agreement | None:
     """Lay the paths of one sensor over those of another, as they are given and under other clocks and poses; None where
     nobody walks in both views."""
     given_s = met_s(AS_GIVEN, first, second)
-    corrections = [_other_clock(first, second), _other_pose(first, second)]
-    times_s = [met_s(motion, first, second) for motion in corrections]
-    longest_s = max(times_s)
-    best = AS_GIVEN
-    causes = []
+    clock = _other_clock(first, second)
+    pose = _other_pose(first, second)
+    clock_s = met_s(clock, first, second)
+    pose_s = met_s(pose, first, second)
+    longest_s = max(clock_s, pose_s)
+    motion = AS_GIVEN
+    corrections = []
     if longest_s > max(BETTER * given_s, given_s + BETTER_S):
-        best = corrections[int(np.argmax(times_s))]
-        causes = [motion for motion, time_s in zip(corrections, times_s, strict=True) if time_s >= RIVALS * longest_s]
-    apart = _apart_as_given(best, first, second)
-    return Agreement(float(np.median(apart)), tuple(causes)) if len(apart) else None
+        motion = clock if clock_s == longest_s else pose
+        if clock_s >= RIVALS * longest_s:
+            corrections.append(clock)
+        if pose_s >= RIVALS * longest_s:
+            corrections.append(pose)
+    apart = _apart_as_given(motion, first, second)
+    return Agreement(float(np.median(apart)), tuple(corrections)) if len(apart) else None
 
 
 def _apart_as_given(motion: RigAlignment, first: Paths, second: Paths) -> F64:

@@ -13,7 +13,7 @@ from calib.carried import Carried
 from calib.doubt import Finding, Score, best
 from calib.times import rate_of_times
 from calib.types import F64
-from planview.checks.check import Check, limited
+from planview.checks.check import Check, limit_check
 from stereo.doctor.hypotheses import LATE
 from stereo.recording import Recording
 
@@ -30,6 +30,9 @@ SURELY = 2.0
 """Deviations by which a lag must make the movement of both cameras more alike than none does: less is chance."""
 SPEEDS_MAX = 4096
 """Speeds that are remembered: those of two people in two minutes at 15 Hz."""
+SPEEDS_MIN = 40
+WALKING_MPS = 0.5
+"""Fewest speeds of people who walk by which the rate is doubted, and the speed from which one does [m/s]."""
 MAX_LAG = 0.5
 """Cameras may be apart by half a frame: at 15 fps a walker moves 4 cm in that time, which is 1 px at 4 m."""
 
@@ -45,15 +48,16 @@ class Lag(NamedTuple):
 
     @property
     def apart(self) -> bool:
-        """Whether the cameras are surely apart: it explains their movement better than no lag does."""
+        """True if the cameras are surely apart: it explains their movement better than no lag does."""
         return best(self, LATE.values(), lag_score, margin=math.exp(0.5 * SURELY**2)) is not None
 
     def check(self, name: str, what: str, against: str = "", *, apart: bool) -> Check:
         """The lag of ``what`` as a check."""
-        which = "ahead" if self.frames < 0 else "late"
-        known = f"{what} {which}{against}" if math.isfinite(self.frames) else f"offset of the {what}"
-        note = f"{known}, by movement"
-        note = str(Finding(LATE[what], note)) if apart else note
+        note = f"offset of the {what}, by movement"
+        if math.isfinite(self.frames):
+            note = f"{what} {'ahead' if self.frames < 0 else 'late'}{against}, by movement"
+        if apart:
+            note = str(Finding(LATE[what], note))
         return Check(name, not apart, abs(self.frames), "frames", MAX_LAG, "at most", note, std=self.std)
 
 
@@ -66,40 +70,51 @@ def lag_score(lag: Lag) -> Score:
 def lag_of(left: F64, right: F64) -> Lag:
     """Lag at which the (T, bands) movement of both cameras correlates best, and how far it moves when parts of the
     time are left out."""
-    frames = len(left)
-    if frames < MIN_FRAMES:
+    if len(left) < MIN_FRAMES:
         return Lag()
-    # Each less its mean over every WINDOW frames.
-    parts = (np.array_split(signal, max(1, round(frames / WINDOW))) for signal in (left, right))
-    left, right = (np.concatenate([part - part.mean(axis=0) for part in each]) for each in parts)
-    longest = min(LONGEST_LAG, frames // 3)
+    sums = _sums_at_lags(_less_mean(left), _less_mean(right))
+    whole = sums.sum(axis=0)
+    likeness = _likeness(whole)
+    likest = int(np.argmax(likeness))
+    if likeness[likest] < MIN_LIKENESS:
+        return Lag()
+    power = sums[:, LONGEST_LAG, 1:].sum(axis=1)
+    if power.max() > 0.8 * power.sum():
+        return Lag(_between(likeness, likest))
+    lags = []
+    gains = []
+    for part in sums:
+        without = _likeness(whole - part)
+        lags.append(_between(without, int(np.argmax(without))))
+        gains.append(float(without[likest] - without[LONGEST_LAG]))
+    gain = float(likeness[likest] - likeness[LONGEST_LAG]) / max(_jackknife(gains), 1e-6)
+    return Lag(_between(likeness, likest), _jackknife(lags), gain)
+
+
+def _less_mean(signal: F64) -> F64:
+    """A signal less its mean over every WINDOW frames."""
+    parts = np.array_split(signal, max(1, round(len(signal) / WINDOW)))
+    return np.concatenate([part - part.mean(axis=0) for part in parts])
+
+
+def _sums_at_lags(left: F64, right: F64) -> F64:
+    """(GROUPS, lags, 3) sums over parts of the time, of left by right that much later, and of each by itself."""
+    frames = len(left)
     part_of = np.arange(frames) * GROUPS // frames
-    # Of every part and lag: left by right that much later, and each by itself.
     sums = np.zeros((GROUPS, 2 * LONGEST_LAG + 1, 3))
+    longest = min(LONGEST_LAG, frames // 3)
     for lag in range(-longest, longest + 1):
         at = np.arange(max(0, -lag), frames - max(0, lag))
         a = left[at]
         b = right[at + lag]
         for k, product in enumerate((a * b, a * a, b * b)):
             sums[:, LONGEST_LAG + lag, k] = np.bincount(part_of[at], product.sum(axis=1), GROUPS)
-    whole = sums.sum(axis=0)
-    power = sums[:, LONGEST_LAG, 1:].sum(axis=1)
-    likeness = _likeness(whole)
-    likest = int(np.argmax(likeness))
-    if likeness[likest] < MIN_LIKENESS:
-        return Lag()
-    if power.max() > 0.8 * power.sum():
-        return Lag(_between(likeness, likest))
-    without = [_likeness(whole - part) for part in sums]
-    gains = [float(one[likest] - one[LONGEST_LAG]) for one in without]
-    gain = float(likeness[likest] - likeness[LONGEST_LAG]) / max(jackknife(gains), 1e-6)
-    return Lag(_between(likeness, likest), jackknife([_between(one, int(np.argmax(one))) for one in without]), gain)
+    return sums
 
 
-def jackknife(without: Sequence[float]) -> float:
+def _jackknife(without: Sequence[float]) -> float:
     """Standard deviation of a value, from those with each part left out."""
-    own = np.asarray(without)
-    return float(np.sqrt((len(own) - 1) / len(own) * np.sum((own - own.mean()) ** 2)))
+    return float(np.sqrt((len(without) - 1) * np.var(without)))
 
 
 def _likeness(sums: F64) -> F64:
@@ -122,23 +137,24 @@ def _between(likeness: F64, best: int) -> float:
 def frame_checks(recording: Recording[Any], spread: int, run: Sequence[Any], asked: int) -> list[Check]:
     """Usable frames and gaps in the timestamps of any recording, from some spread over it and consecutive ones."""
     usable = (spread + len(run)) / max(1, asked)
-    times = recording.times_s
-    known = np.array([f.timestamp_s for f in run]) if times is None else times[np.isfinite(times)]
-    gap = "longest step between frames over the usual one"
-    rate = rate_of_times(known)
+    times_s = recording.times_s
+    if times_s is None:
+        times_s = np.array([frame.timestamp_s for frame in run])
+    rate = rate_of_times(times_s[np.isfinite(times_s)])
     longest = math.nan if rate is None else max(1.0, rate.longest_gap_s * rate.fps)
+    gap = "longest step between frames over the usual one"
     return [
-        limited("usable frames", usable, "", "share of the frames read that can be decoded", least=0.9),
+        limit_check("usable frames", usable, "", "share of the frames read that can be decoded", least=0.9),
         # One dropped frame passes, two in a row do not.
-        limited("timestamp gap", longest, "steps", gap, most=2.5, warns=True),
+        limit_check("timestamp gap", longest, "steps", gap, most=2.5, warns=True),
     ]
 
 
 class SpeedWatch(Carried):
-    """How fast people walk by the times of the frames, which shows a wrong rate or unit of length."""
+    """Measures walking speeds by the times of the frames, which shows a wrong rate or unit of length."""
 
     FRAMES = 5
-    """Between two places of a person: what places jitter by from frame to frame is no walk."""
+    """Frames between two places of a person: jitter from frame to frame is no walk."""
 
     def __init__(self) -> None:
         self._places: deque[tuple[float, Mapping[int, tuple[float, float]]]] = deque(maxlen=self.FRAMES + 1)
@@ -154,7 +170,7 @@ class SpeedWatch(Carried):
 
     def check(self) -> Check:
         """The median of those who walk; some seconds of one person are too few."""
-        walking = [speed for speed in self._speeds if speed > 0.5]
-        value = float(np.median(walking)) if len(walking) >= 40 else math.nan
+        walking = [speed for speed in self._speeds if speed > WALKING_MPS]
+        value = float(np.median(walking)) if len(walking) >= SPEEDS_MIN else math.nan
         note = "median of people who walk: a wrong frame rate (fps) or unit of length, or they run"
-        return limited("walking speed", value, "m/s", note, most=2.5, warns=True)
+        return limit_check("walking speed", value, "m/s", note, most=2.5, warns=True)

@@ -18,7 +18,7 @@ from calib.pose import SE3
 from calib.rig import Floor, StereoRig
 from calib.types import F32, F64, U8
 from planview.api.check import verdict
-from planview.checks.check import Check, limited
+from planview.checks.check import Check, limit_check
 from planview.checks.examine import examine
 from planview.checks.heights import height_check
 from planview.checks.images import flicker_check, light_checks
@@ -325,10 +325,10 @@ def test_corrected_rig_of_a_calibration_that_fits_is_refused_below_the_table(tmp
 
 
 def test_a_value_is_shown_to_the_first_digit_of_its_deviation():
-    assert limited("turn", 0.16712, "deg", "", std=0.0052, most=0.5).number_text == "0.167 ± 0.005"
-    assert limited("lag", 12.34, "frames", "", std=15.0, most=0.5).number_text == "12 ± 15"
-    assert limited("corners", 1312.4, "", "", least=60).number_text == "1,312"
-    assert limited("turn", math.nan, "deg", "", most=0.5).number_text == ""
+    assert limit_check("turn", 0.16712, "deg", "", std=0.0052, most=0.5).number_text == "0.167 ± 0.005"
+    assert limit_check("lag", 12.34, "frames", "", std=15.0, most=0.5).number_text == "12 ± 15"
+    assert limit_check("corners", 1312.4, "", "", least=60).number_text == "1,312"
+    assert limit_check("turn", math.nan, "deg", "", most=0.5).number_text == ""
 
 
 def test_light_is_named_after_the_camera_that_has_it():
@@ -377,10 +377,11 @@ def test_fault_undecodable_frames(tmp_path, pairs):
 
 def test_unmeasured_values_fail_only_when_needed():
     nothing = float("nan")
-    assert limited("a", nothing, "", "", most=1.0).ok
-    assert limited("a", nothing, "", "", least=1.0).ok and not limited("a", nothing, "", "", least=1.0, needed=True).ok
-    assert not limited("a", nothing, "", "", least=0.0, most=1.0, needed=True).ok
-    assert limited("a", nothing, "", "", most=1.0).to_json()["value"] is None
+    assert limit_check("a", nothing, "", "", most=1.0).ok
+    assert limit_check("a", nothing, "", "", least=1.0).ok
+    assert not limit_check("a", nothing, "", "", least=1.0, needed=True).ok
+    assert not limit_check("a", nothing, "", "", least=0.0, most=1.0, needed=True).ok
+    assert limit_check("a", nothing, "", "", most=1.0).to_json()["value"] is None
 
 
 def test_command_prints_json_and_refuses_with_status_one(tmp_path, pairs, capsys):
