@@ -6,19 +6,9 @@ from collections.abc import Sequence
 
 from cyclopts import App, Parameter
 
-from planview.cli import main
+from planview.cli import first_lines, main
 
-BENCHMARKS = {
-    "suite": "Render the scenes of a seed, track and score them.",
-    "claims": "Compare what tracks say of themselves with the truth of rendered scenes.",
-    "real": "Score every real recording with truth, and the baseline of height peaks.",
-    "jitter": "Print how far scores spread when times and depths change by less than their errors.",
-    "speed": "Time the engine and its start.",
-    "counting": "Score counts and occupancy on rendered recordings.",
-    "pets": "Score the single-camera trackers on PETS S2-L1 view 1.",
-    "calibration": "Score calibration from people, and of several rigs, against known truth.",
-    "doctor": "Make faults in healthy recordings and print which of them are named.",
-}
+BENCHMARKS = ("suite", "claims", "real", "jitter", "speed", "counting", "pets", "calibration", "doctor")
 
 
 def _shown(value: object) -> str | None:
@@ -33,8 +23,9 @@ def make_app(words: Sequence[str] = ()) -> App:
         help="Measure speed and accuracy on this machine.",
         default_parameter=Parameter(negative_iterable=(), show_default=_shown),
     )
-    for name, text in BENCHMARKS.items():
-        app.command(f"benchmarks.{name}:{name}", name=name, help=None if name in words else text)
+    lines = first_lines("benchmarks")
+    for name in BENCHMARKS:
+        app.command(f"benchmarks.{name}:{name}", name=name, help=None if name in words else lines[name])
     return app
 
 

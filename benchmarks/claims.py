@@ -53,7 +53,7 @@ VISIBILITIES: Bins = {
 
 @benchmark
 def claims(
-    *, seed: Sequence[int] = (1,), cache: Path | None = None, config: Path | None = None, set: Sequence[str] = ()
+    *, seed: Sequence[int] = (1,), cache: Path | None = None, config: Path | None = None, overrides: Sequence[str] = ()
 ) -> Report:
     """Compare what tracks say of themselves with the truth of rendered scenes.
 
@@ -66,9 +66,9 @@ def claims(
         seed: Seeds of the scenes: those below 100 are for tuning, each of the others judges once.
         cache: Folder for rendered recordings; the user's cache by default.
         config: TOML file with parameters of the engine.
-        set: One parameter of the engine; can be repeated.
+        overrides: One parameter of the engine; can be repeated.
     """
-    settings = load_config(config, set)
+    settings = load_config(config, overrides)
     folder = cache_folder(cache)
     stopping: list[pandas.DataFrame] = []
     runners: list[Row] = []

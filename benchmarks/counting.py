@@ -50,7 +50,7 @@ def counting(
     out: Path | None = None,
     cache: Path | None = None,
     config: Path | None = None,
-    set: Sequence[str] = (),
+    overrides: Sequence[str] = (),
 ) -> Report:
     """Score counts and occupancy on rendered scenes, next to the paper's figures.
 
@@ -70,13 +70,13 @@ def counting(
         out: Folder that keeps the runs; a temporary one by default.
         cache: Folder for rendered recordings; the user's cache by default.
         config: TOML file with parameters of the engine.
-        set: One parameter of the engine; can be repeated.
+        overrides: One parameter of the engine; can be repeated.
     """
     if frames is not None:
         in_range("frames", frames, 1, 1_000_000)
     for seed in rooms:
         in_range("rooms", seed, 0, 2**62)
-    settings = load_config(config, set)
+    settings = load_config(config, overrides)
     with tempfile.TemporaryDirectory() as temporary:
         scorer = Scorer(tracker, cache_folder(cache), frames, out or Path(temporary), settings)
         committed = load_toml(SINGLE / "conference.toml", "a scene in TOML")

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Generator, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import cv2
 import numpy as np
-from cyclopts import Parameter
 
-from benchmarks.options import JsonFlag, progress, report
+from benchmarks.options import Report, Row, benchmark, progress, tables
 from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import AnyArray
 from planview.checks.motion import MotionWatch
 from planview.checks.scene import delay_of
+from planview.synthetic.assets import DEMO
 from stereo.doctor.diagnose import diagnose, diagnose_colours, diagnose_fields, place_of_depth
 from stereo.doctor.hypotheses import REGISTER
 from stereo.readers import open_any
@@ -230,46 +230,41 @@ def named(recording: Recording[Any], consecutive: bool) -> str:
     return "depth and its image are not of one time" if delay_of(run).apart else ""
 
 
-@Parameter(name="*")
-@dataclass(frozen=True)
-class DoctorOptions:
-    """Which recordings, and how figures are printed."""
-
-    recording: Annotated[Sequence[Path], Parameter(negative="", show_default=False)] = (Path("data/synthetic/demo"),)
-    """A healthy recording of pairs or of images with depth; repeat for more."""
-    fault: str = ""
-    """Only faults with this in their name."""
-    json_output: JsonFlag = False
-    """Print one JSON object."""
-
-
-def doctor(*, options: DoctorOptions | None = None) -> None:
-    """Make every fault in healthy recordings and print what the doctor names.
+@benchmark
+def doctor(*, recording: Sequence[Path] = (), fault: str = "") -> Report:
+    """Make faults in healthy recordings and print which of them are named.
 
     Example: python -m benchmarks doctor --recording data/synthetic/demo --recording my_depth_recording
+
+    Args:
+        recording: A healthy recording of pairs or of images with depth; repeat for more. [default: the demo clip]
+        fault: Only faults with this in their name.
     """
-    o = options or DoctorOptions()
     rows = []
     totals = []
-    for path in o.recording:
-        recording = open_any(path)
-        read = stored(recording)
-        sensor = recording.sensor
+    for path in recording or [DEMO]:
         tally = {"right": 0, "wrong": 0, "nothing": 0}
-        faults = pair_faults(sensor.rig) if isinstance(sensor, StereoPair) else depth_faults(sensor)
-        is_grey = isinstance(sensor, StereoPair) and all(image.ndim == 2 for image in recording.sample(1)[0].images)
-        faults = [fault for fault in faults if not (is_grey and fault.name == OTHER_COLOURS)]
-        for fault in (fault for fault in faults if o.fault in fault.name):
-            progress(f"{path}: {fault.name or 'as recorded'}")
-            start = time.process_time()
-            got = named(faulty(recording, fault, read), not fault.name or fault.late > 0)
-            verdict = "right" if got == fault.name else "wrong" if got else "nothing"
-            tally[verdict] += 1
-            fault_name = fault.name or "as recorded"
-            got_name = got or "nothing"
-            seconds = time.process_time() - start
-            rows.append(
-                {"recording": path.name, "fault": fault_name, "verdict": verdict, "named": got_name, "cpu_s": seconds}
-            )
+        for row in _named_faults(path, fault):
+            rows.append(row)
+            tally[row["verdict"]] += 1
         totals.append({"recording": path.name, **tally})
-    report(o.json_output, faults=rows, recordings=totals)
+    return tables(faults=rows, recordings=totals)
+
+
+def _named_faults(path: Path, part: str) -> Iterator[Row]:
+    """A row per fault with the part in its name: what is named when it is made in a recording."""
+    recording = open_any(path)
+    read = stored(recording)
+    sensor = recording.sensor
+    faults = pair_faults(sensor.rig) if isinstance(sensor, StereoPair) else depth_faults(sensor)
+    is_grey = isinstance(sensor, StereoPair) and all(image.ndim == 2 for image in recording.sample(1)[0].images)
+    for fault in faults:
+        if part not in fault.name or (is_grey and fault.name == OTHER_COLOURS):
+            continue
+        shown = fault.name or "as recorded"
+        progress(f"{path}: {shown}")
+        start = time.process_time()
+        got = named(faulty(recording, fault, read), not fault.name or fault.late > 0)
+        verdict = "right" if got == fault.name else "wrong" if got else "nothing"
+        seconds = time.process_time() - start
+        yield {"recording": path.name, "fault": shown, "verdict": verdict, "named": got or "nothing", "cpu_s": seconds}

@@ -8,10 +8,9 @@ import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import pandas
-from cyclopts import Parameter
 from pydantic_core import to_json
 
 from calib.errors import InputError
@@ -23,8 +22,6 @@ from planview.synthetic.write import write_recording
 
 Row = dict[str, Any]
 """Figures by the names that head their columns."""
-JsonFlag = Annotated[bool, Parameter(name="--json", negative="")]
-"""The switch --json: one JSON object on standard output."""
 
 
 class Report(NamedTuple):
@@ -123,16 +120,6 @@ def _cell(value: object) -> str:
 def figure(name: str, value: float, unit: str, limit: float = math.nan) -> Row:
     """A figure measured against known truth, which is only reported where the limit is NaN."""
     return {"name": name, "value": value, "unit": unit, "limit": limit, "ok": not value > limit}
-
-
-def report(json_output: bool, **parts: Any) -> None:
-    """Print tables of rows, or one JSON object of them and all else by their names."""
-    if json_output:
-        print(json_text(parts), end="")
-        return
-    for rows in parts.values():
-        if rows and isinstance(rows, list) and isinstance(rows[0], dict):
-            show(rows)
 
 
 def json_text(value: object) -> str:

@@ -50,7 +50,7 @@ def real(
     data: Path | None = None,
     recording: Sequence[str] = (),
     tracker: Sequence[str] = ("joint",),
-    set: Sequence[str] = (),
+    overrides: Sequence[str] = (),
 ) -> Report:
     """Score every real plan-view recording with truth, and the baseline of height peaks.
 
@@ -63,13 +63,13 @@ def real(
         data: Folder with recordings; $PLANVIEW_TEST_DATA, else ../shared/data of the repository, by default.
         recording: Only these recordings, by the names of their folders.
         tracker: Trackers, as of planview run; the baseline of height peaks is always added.
-        set: One parameter of the engine; can be repeated.
+        overrides: One parameter of the engine; can be repeated.
     """
     rows: list[Row] = []
     for folder in recordings_with_truth(data or real_recordings(), recording):
         for name in dict.fromkeys((*tracker, BASELINE)):
             progress(f"{folder.name}: {name}")
-            rows.append(score_recording(folder, name, set))
+            rows.append(score_recording(folder, name, overrides))
     printed = [{name: row[name] for name in PRINTED} for row in rows]
     return Report({"scores": rows}, [printed], NOTES)
 

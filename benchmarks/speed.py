@@ -44,7 +44,7 @@ def speed(
     camera: Path | None = None,
     frames: int = 200,
     start: bool = False,
-    set: Sequence[str] = (),
+    overrides: Sequence[str] = (),
 ) -> Report:
     """Time the engine on all cores and on one.
 
@@ -62,14 +62,14 @@ def speed(
         frames: Number of frames over which medians are taken, after 100 in which the background is learned.
         start: Time only the start: kernels, compiling them, which is what the first of two equal processes takes
             longer, and the first frame.
-        set: One parameter of the engine, like analysis.width_px=1280; can be repeated.
+        overrides: One parameter of the engine, like analysis.width_px=1280; can be repeated.
     """
     in_range("frames", frames, 10, 1_000_000)
     if not recording.exists():
         raise InputError(f"{recording}: no such file or folder")
     if start:
         return tables(start=start_rows(recording))
-    engine = bench_engine(recording, tracker, load_config(overrides=set), camera)
+    engine = bench_engine(recording, tracker, load_config(overrides=overrides), camera)
     decoded = list(islice(engine.recording, SETTLED_FRAMES + frames))
     if len(decoded) < 2:
         raise WorkError(f"{recording}: expected at least 2 frames, found {len(decoded)}")

@@ -154,7 +154,7 @@ def suite(
     out: Path | None = None,
     cache: Path | None = None,
     config: Path | None = None,
-    set: Sequence[str] = (),
+    overrides: Sequence[str] = (),
 ) -> Report:
     """Render the scenes of a seed, track them and score them.
 
@@ -177,14 +177,14 @@ def suite(
         out: Folder that keeps the runs (tracks.csv, run.json) and suite.json; nothing is kept by default.
         cache: Folder for rendered recordings; the user's cache by default.
         config: TOML file with parameters of the engine.
-        set: One parameter of the engine; can be repeated.
+        overrides: One parameter of the engine; can be repeated.
     """
     in_range("jobs", jobs, 1, 10_000)
     in_range("minutes", minutes, 0.01, 1000)
     for value in seed:
         in_range("seed", value, 0, 2**62)
     files = scene_files(scene, scenes)
-    settings = load_config(config, set)
+    settings = load_config(config, overrides)
     seeds = list(dict.fromkeys(seed)) or [new_seed()]
     progress("seeds: " + ", ".join(f"{one}{' (tuned on)' * (one < JUDGING_SEED)}" for one in seeds))
     folder = cache_folder(cache)
