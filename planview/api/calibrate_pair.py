@@ -16,7 +16,7 @@ from calib.rig import StereoRig
 from planview.api.arguments import Settings, in_range, one_of, path_of, settings
 from planview.api.result import Result, aligned
 from planview.calibration.align import align_recordings
-from planview.calibration.board import calibrate_board, request_of
+from planview.calibration.board import BoardRequest, calibrate_board, parse_board, parse_square
 from planview.evaluation.paths import RigAlignment
 from planview.progress import Progress, unseen
 from stereo.rectify import rectified_rig
@@ -107,7 +107,10 @@ def board(
         WorkError: too few images show the board.
     """
     one_of("model", model, ("auto", *get_args(LensModel)))
-    request = request_of(str(square), board, marker, dictionary, None if model == "auto" else model)
+    square_m = parse_square(str(square))
+    known = parse_board(board, square_m, marker, dictionary)
+    lens = None if model == "auto" else model
+    request = BoardRequest(known, square_m, dictionary is None, marker is None, lens)
     found, files = calibrate_board(Path(images), request, Path(out), progress)
     return Result(found, _board_text(found), _board_values(found, files), files=files)
 

@@ -10,7 +10,7 @@ from calib.errors import InputError
 from planview.api.arguments import in_range, path_of
 from planview.api.result import Result
 from planview.progress import Progress, unseen
-from planview.studies.results import JobResult, means_text, table_of
+from planview.studies.results import JobResult, means_of, table_of
 from planview.studies.study import study_of
 from planview.studies.work import run_study
 from planview.studies.workers import workers
@@ -63,4 +63,8 @@ def sweep(
     failed = [run for run in runs if run.error]
     values = {"out": str(folder), "failed": len(failed), "runs": [run.to_json() for run in runs]}
     rows = table_of(runs).to_dict("records")
-    return Result(runs, means_text(runs), values, rows, files=[folder / "summary.csv"], ok=not failed)
+    lines = []
+    for configuration, means in means_of(runs).iterrows():
+        figures = [f"{name} {value:.4g}" for name, value in means.dropna().items()]
+        lines += [str(configuration), f"   {', '.join(figures)}"]
+    return Result(runs, "\n".join(lines), values, rows, files=[folder / "summary.csv"], ok=not failed)

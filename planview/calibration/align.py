@@ -102,9 +102,10 @@ class RigRecord:
     scene: F32
 
 
-def record_rig(path: Path, config: Config | None = None, fps: float | None = None) -> RigRecord:
+def record_rig(path: Path, config: Config, fps: float | None = None) -> RigRecord:
     """Track a rig's recording and gather the scene behind the people; ``fps`` in place of its own times."""
-    engine = engine_of(open_any(path, OpenOptions(fps=fps)), config=config or Config())
+    log.debug("tracking %s", path.name)
+    engine = engine_of(open_any(path, OpenOptions(fps=fps)), config=config)
     (view,) = engine.rigs.values()
     collector = TrajectoryCollector()
     disparities = []
@@ -351,12 +352,8 @@ def align_recordings(
     if file is not None:
         for path in paths:
             relative_to(path, file.parent)
-    records = []
-    for path in paths:
-        log.debug("tracking %s", path.name)
-        records.append(record_rig(path, config, fps))
+    records = [record_rig(path, config, fps) for path in paths]
     alignments = align_records(records, clock_s)
     if file is not None:
-        written = "found by planview calibrate align from people who walked"
-        save_rigs(rig_entries(records, alignments, file.parent), file, written)
+        save_rigs(rig_entries(records, alignments, file.parent), file, "found from people who walked")
     return alignments

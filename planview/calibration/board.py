@@ -174,15 +174,6 @@ class BoardRequest:
     model: LensModel | None = None
 
 
-def request_of(
-    square: str, board: str | None, marker: str | None, dictionary: str | None, model: LensModel | None = None
-) -> BoardRequest:
-    """What is looked for, as a user writes it (see ``parse_square`` and ``parse_board``)."""
-    square_m = parse_square(square)
-    known = parse_board(board, square_m, marker, dictionary)
-    return BoardRequest(known, square_m, dictionary is None, marker is None, model)
-
-
 def parse_square(text: str) -> float:
     """Side of a square [m]. Raises InputError: a bare number, which could be millimetres as well as metres, or what is
     no length at all."""
@@ -215,8 +206,7 @@ def parse_board(text: str | None, square_m: float, marker: str | None, dictionar
             return Board(cols, rows, square_m)
         marker_m = parse_length(marker, "marker=") if marker else detect.MARKER_SHARES[0] * square_m
         names = detect.dictionaries()
-        chosen = dictionary or next(iter(names))
-        chosen = chosen if chosen.startswith("DICT_") else f"DICT_{chosen}"
+        chosen = f"DICT_{(dictionary or next(iter(names))).removeprefix('DICT_')}"
         if chosen not in names:
             raise InputError(f"expected one of {', '.join(names)}, found {chosen!r}", argument="dictionary")
         return Board(cols - 1, rows - 1, square_m, chosen, marker_m)
@@ -225,20 +215,13 @@ def parse_board(text: str | None, square_m: float, marker: str | None, dictionar
 
 
 def calibrate_board(
-    images: Path, request: BoardRequest, file: Path, progress: Progress = unseen
+    path: Path, request: BoardRequest, file: Path, progress: Progress = unseen
 ) -> tuple[BoardCalibration, list[Path]]:
-    """Calibrate a rig and write it, next to it the same for OpenCV and a page about it; returns the files, too. Raises
-    InputError: a file that does not end in .toml, and as ``calibrate_images``."""
+    """Calibrate a rig from a folder or video (errors of ``solve_board``) and write it, next to it the same for OpenCV
+    and a page about it; returns the files, too. Raises InputError: a file that does not end in .toml."""
     if file.suffix.lower() != ".toml":
         raise InputError(f"expected a name that ends in .toml, found {file.name!r}", argument="out")
     file.parent.mkdir(parents=True, exist_ok=True)
-    found = calibrate_images(images, request, progress)
-    files = [*write_rig(found.rig, file, "rig"), *write_rig(found.rig, file.with_suffix(".yml"), "opencv")]
-    return found, [*files, write_report(found, images, file.with_suffix(".html"))]
-
-
-def calibrate_images(path: Path, request: BoardRequest, progress: Progress = unseen) -> BoardCalibration:
-    """Calibrate a rig from a folder or video (errors of ``solve_board``); ``progress`` gets pairs done and in all."""
     images = BoardImages(path)
     board = _board(images, request)
     log.debug("detecting the board")
@@ -251,7 +234,9 @@ def calibrate_images(path: Path, request: BoardRequest, progress: Progress = uns
     if not images.is_video and not views:
         raise InputError(f"{path}: expected images of a {board.name}, found it in none of {len(rejected)} pairs")
     log.debug("calibrating")
-    return solve_board(views, board, found.size, model=request.model, rejected=rejected, source=str(path))
+    result = solve_board(views, board, found.size, model=request.model, rejected=rejected, source=str(path))
+    files = [*write_rig(result.rig, file, "rig"), *write_rig(result.rig, file.with_suffix(".yml"), "opencv")]
+    return result, [*files, write_report(result, path, file.with_suffix(".html"))]
 
 
 def _board(images: BoardImages, request: BoardRequest) -> Board:

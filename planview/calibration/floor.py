@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -96,20 +95,16 @@ class FloorDepths:
 def parse_points(texts: Sequence[str]) -> F64:
     """Points as typed: ``u,v`` in pixels of the rectified left image or ``x,y,z`` in metres, (N, 2) or (N, 3). Raises
     InputError: not numbers, or of both kinds."""
-    rows = []
-    for text in texts:
-        try:
-            row = [float(part) for part in text.replace(";", ",").split(",")]
-        except ValueError:
-            row = []
-        if len(row) not in (2, 3) or not all(math.isfinite(v) for v in row):
-            raise InputError(f"expected u,v in pixels or x,y,z in metres, found {text!r}", argument="points")
-        rows.append(row)
-    if len({len(row) for row in rows}) != 1:
-        raise InputError("some points are in pixels and some in metres", argument="points")
-    if len(rows) < 3:
-        raise InputError(f"expected three or more, found {len(rows)}", argument="points")
-    return np.array(rows)
+    try:
+        points = np.array([[float(part) for part in text.replace(";", ",").split(",")] for text in texts])
+    except ValueError:
+        points = np.empty((0, 0))
+    if points.shape[1] not in (2, 3) or not np.isfinite(points).all():
+        found = " ".join(texts)
+        raise InputError(f"expected all u,v in pixels or all x,y,z in metres, found {found!r}", argument="points")
+    if len(points) < 3:
+        raise InputError(f"expected three or more, found {len(points)}", argument="points")
+    return points
 
 
 def floor_from_tracks(

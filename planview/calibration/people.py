@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -21,14 +19,12 @@ from calib.types import F64, U8, Bool
 from planview.calibration.floor import draw_grid
 from planview.engine.config import SingleCameraParams
 from planview.engine.sensor import CameraSensor, StageClock
-from planview.foreground.ghosts import Blobs, find_blobs
+from planview.foreground.bodies import MIN_SIZE, BodyPath, bodies_of, continue_paths
 from planview.progress import Progress, unseen
 from stereo.recording import Recording, SingleCamera, refuse_untimed
 
 GIVEN = (255, 140, 0)
 COMPUTED = (200, 60, 255)
-MIN_SIZE = 0.06
-"""A person is at least this share of the image's height [1]: smaller ones add nothing about a camera."""
 SIZE_TOLERANCE = 0.15
 """Sizes differ by this part from what most people have at that place [1] (body heights, strides)."""
 
@@ -83,31 +79,11 @@ def crowd(camera: GroundCamera, model: HumanModel) -> F64:
     return np.asarray(feet[inside])
 
 
-@dataclass(eq=False)
-class _Path:
-    """Blobs of one walker."""
-
-    samples: list[HumanSample]
-    last_frame: int
-
-    @property
-    def walks(self) -> bool:
-        boxes = np.array([s.box_px for s in self.samples])
-        middles = boxes[:, :2] + boxes[:, 2:] / 2
-        size = float(np.median([s.diagonal_px for s in self.samples]))
-        # What moves by less than half a body, or is met in fewer frames, is furniture, light or a ghost.
-        return len(self.samples) >= 4 and float(np.hypot(*np.ptp(middles, axis=0))) >= 0.5 * size
-
-
-class CollectedSamples(NamedTuple):
-    """Samples of people walking, and how many of them are independent of each other."""
-
-    samples: tuple[HumanSample, ...]
-    independent: int
-
-
-def collect_samples(video: Recording[SingleCamera], count: int = 50, progress: Progress = unseen) -> CollectedSamples:
-    """Take samples of people who walk by, where each is whole and apart from the others.
+def collect_samples(
+    video: Recording[SingleCamera], count: int = 50, progress: Progress = unseen
+) -> tuple[tuple[HumanSample, ...], int]:
+    """Take samples of people who walk by, where each is whole and apart from the others; and how many of them are
+    independent of each other.
 
     Every frame gives a sample per blob that touches neither the image's edge nor another blob. Blobs that walk are
     kept, and of these the ones that have the size of most blobs at their place, so that pairs, parts and shadows fall
@@ -118,12 +94,12 @@ def collect_samples(video: Recording[SingleCamera], count: int = 50, progress: P
     refuse_untimed(video)
     camera = CameraSensor(SingleCameraParams(), video.sensor.size)
     clock = StageClock()
-    paths: list[_Path] = []
+    paths: list[BodyPath] = []
     for frame in video:
         mask = camera.look(camera.measure(frame.images, clock), frame, clock).foreground
         # The background is learned for so long before samples are taken [s].
         if frame.timestamp_s >= 1.0 and mask is not None:
-            _continue(paths, bodies_of(mask, frame.index), frame.index)
+            continue_paths(paths, bodies_of(mask, frame.index), frame.index)
         progress(frame.index + 1, video.n_frames or None)
     walking = [path for path in paths if path.walks]
     walkers = [sample for path in walking for sample in path.samples]
@@ -146,16 +122,7 @@ def collect_samples(video: Recording[SingleCamera], count: int = 50, progress: P
         )
     chosen = choose_spread([s for s, ok in zip(bodies, usual, strict=True) if ok], count)
     # A lone walker is worth eight independent samples (the same body at other places).
-    return CollectedSamples(chosen, max(len(walking), 8))
-
-
-def bodies_of(mask: U8, frame: int) -> list[HumanSample]:
-    """Whole people apart from others in a (H, W) foreground mask."""
-    closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((7, 5), np.uint8))
-    blobs = find_blobs(np.asarray(closed, dtype=np.uint8))
-    large = [i for i in range(1, len(blobs)) if max(blobs.box_px[i][2:]) >= MIN_SIZE * mask.shape[0]]
-    samples = (_whole_person(blobs, i, mask.shape, frame) for i in large if not _crowded(blobs, i))
-    return [sample for sample in samples if sample is not None]
+    return chosen, max(len(walking), 8)
 
 
 def usual_sizes(samples: Sequence[HumanSample]) -> Bool:
@@ -178,74 +145,15 @@ def usual_sizes(samples: Sequence[HumanSample]) -> Bool:
     return best if best.any() else np.abs(sizes - np.median(sizes)) < SIZE_TOLERANCE * sizes
 
 
-def _continue(paths: list[_Path], bodies: Sequence[HumanSample], frame: int) -> None:
-    """Append every body to the path of the frame before that it overlaps most, or begin one."""
-    open_paths = [path for path in paths if 0 < frame - path.last_frame <= 2]
-    for body in bodies:
-        overlaps, (a, b, w, h) = [], body.box_px
-        for c, d, v, g in (path.samples[-1].box_px for path in open_paths):
-            common = max(0.0, min(a + w, c + v) - max(a, c)) * max(0.0, min(b + h, d + g) - max(b, d))
-            overlaps.append(common / (w * h + v * g - common))
-        best = int(np.argmax(overlaps)) if overlaps else -1
-        # Boxes of one walker in frames that follow each other overlap by this part of their union [1].
-        if best >= 0 and overlaps[best] >= 0.3:
-            path = open_paths.pop(best)
-            path.samples.append(body)
-            path.last_frame = frame
-        else:
-            paths.append(_Path([body], frame))
-
-
-def _crowded(blobs: Blobs, label: int) -> bool:
-    """Whether another blob that is not noise is near the box."""
-    low = blobs.box_px[:, :2]
-    high = blobs.box_px[:, :2] + blobs.box_px[:, 2:]
-    # Nearer blobs may be pieces of one person, or hide each other [px]; above and below, within this share of the
-    # body's height [1]: bodies break at belt and collar.
-    gap = np.array([4.0, max(4.0, 0.35 * float(blobs.box_px[label][3]))])
-    near = ((low < high[label] + gap) & (high > low[label] - gap)).all(axis=1)
-    # A blob above this share of another's area is not noise [1].
-    near &= blobs.area_px > 0.08 * blobs.area_px[label]
-    near[[0, label]] = False
-    return bool(near.any())
-
-
-def _whole_person(blobs: Blobs, label: int, shape: tuple[int, ...], frame: int) -> HumanSample | None:
-    """Sample of a blob in an image of (H, W), None where it is cut off or no body."""
-    left, top, width, height = (int(v) for v in blobs.box_px[label])
-    rows, columns = shape
-    cut = left <= 1 or top <= 1 or left + width >= columns - 1 or top + height >= rows - 1
-    fill = float(blobs.area_px[label]) / (width * height)
-    if cut or not 0.3 <= fill <= 0.95:  # the share that a standing person fills; streaks and lit rectangles do not
-        return None
-    inside: Bool = np.asarray(blobs.labels[top : top + height, left : left + width] == label)
-    ends = _ends(inside)
-    (u, v), (foot_u, foot_v) = (ends + np.array([left, top])).tolist()
-    # A box of pixels ends half a pixel beyond their centres.
-    return HumanSample((left - 0.5, top - 0.5, float(width), float(height)), (u, v), (foot_u, foot_v), frame)
-
-
-def _ends(inside: Bool) -> F64:
-    """(2, 2) head and foot (u, v) within the box."""
-    v, u = np.nonzero(inside)
-    points = np.column_stack([u, v]).astype(np.float64)
-    centre = points.mean(axis=0)
-    spread, axes = np.linalg.eigh(np.cov((points - centre).T))
-    # Variance along a body over that across it from which head and feet are its ends [1].
-    if spread[1] < 2.0 * spread[0]:
-        return np.stack([centre, centre])
-    axis = axes[:, 1] if axes[1, 1] > 0 else -axes[:, 1]
-    along = (points - centre) @ axis
-    low, high = np.quantile(along, (0.002, 0.998))
-    return np.stack([centre + (low - 0.5) * axis, centre + (high + 0.5) * axis])
-
-
 def people_picture(
     found: HumanCalibration, samples: Sequence[HumanSample], video: Recording[SingleCamera] | None
 ) -> U8:
     """Given and computed features next to people all over the floor (figure 6)."""
     camera = found.camera
-    image = _background(camera.size, samples, video)
+    width, height = camera.size
+    image: U8 = np.full((height, width, 3), 60, dtype=np.uint8)
+    if video is not None:
+        _paste(samples, video, image)
     given = draw_samples(image, camera, found.model, samples)
     crowded = draw_grid(image, camera.project, floor_around(camera, samples) or (-5.0, -5.0, 5.0, 5.0))
     for xy in crowd(camera, found.model):
@@ -253,20 +161,14 @@ def people_picture(
     return np.hstack([given, crowded])
 
 
-def _background(size: tuple[int, int], samples: Sequence[HumanSample], video: Recording[SingleCamera] | None) -> U8:
-    """The frame of the first sample with the other samples' people pasted in, or plain grey without a video."""
-    canvas: U8 = np.full((size[1], size[0], 3), 60, dtype=np.uint8)
-    if video is None:
-        return canvas
-    by_frame = {s.frame: s for s in samples if s.frame >= 0}
-    for frame in video:
+def _paste(samples: Sequence[HumanSample], video: Recording[SingleCamera], canvas: U8) -> None:
+    """Put the first frame with a sample onto a canvas, then the people of the other samples."""
+    by_frame = {sample.frame: sample for sample in samples if 0 <= sample.frame < video.n_frames}
+    for number, frame in enumerate(video.at(sorted(by_frame) or [0])):
         image = as_colour(frame.image)
-        if frame.index == 0:
-            canvas = image.copy()
-        if sample := by_frame.get(frame.index):
-            left, top, width, height = (round(v) for v in sample.box_px)
-            part = np.s_[max(0, top - 4) : top + height + 4, max(0, left - 4) : left + width + 4]
-            canvas[part] = image[part]
-        if frame.index >= max(by_frame, default=0):
-            break
-    return canvas
+        if number == 0:
+            canvas[:] = image
+            continue
+        left, top, width, height = (round(v) for v in by_frame[frame.index].box_px)
+        part = np.s_[max(0, top - 4) : top + height + 4, max(0, left - 4) : left + width + 4]
+        canvas[part] = image[part]

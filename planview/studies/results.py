@@ -52,7 +52,7 @@ class JobResult:
             "recording": self.recording,
             "settings": list(self.configuration.settings),
             "seed": self.seed,
-            "folder": str(self.folder) if self.folder else None,
+            "folder": self.folder and str(self.folder),
             "error": self.error or None,
             "reused": self.reused,
             **self.figures,
@@ -83,15 +83,6 @@ def means_of(results: Sequence[JobResult]) -> DataFrame:
     means = by_configuration[list(FIGURES)].mean().dropna(axis="columns", how="all")
     means.insert(0, "runs", by_configuration.size())
     return means
-
-
-def means_text(results: Sequence[JobResult]) -> str:
-    """Two lines per configuration: its settings, and the means of its runs."""
-    lines = []
-    for configuration, means in means_of(results).iterrows():
-        figures = [f"{name} {value:.4g}" for name, value in means.dropna().items()]
-        lines += [str(configuration), f"   {', '.join(figures)}"]
-    return "\n".join(lines)
 
 
 def summary_csv(results: Sequence[JobResult]) -> str:

@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from glob import glob, has_magic
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -35,11 +36,8 @@ class Configuration:
     @property
     def values(self) -> dict[str, str]:
         """The text of each parameter's value."""
-        values = {}
-        for setting in self.settings:
-            name, _, value = setting.partition("=")
-            values[name] = value
-        return values
+        parts = [setting.partition("=") for setting in self.settings]
+        return {name: value for name, _, value in parts}
 
 
 class RecordingEntry(Params):
@@ -124,15 +122,12 @@ def _list_recordings(items: Any, folder: Path) -> list[dict[str, Any]]:
         if isinstance(item, dict):
             entries.append({key: folder / value if isinstance(value, str) else value for key, value in item.items()})
             continue
-        text = str(item)
-        if not any(sign in text for sign in "*?["):
-            entries.append({"path": folder / text})
-            continue
-        paths = Path("/").glob(text.lstrip("/")) if text.startswith("/") else folder.glob(text)
-        matches = sorted(paths)
+        matches = [str(item)]
+        if has_magic(matches[0]):
+            matches = sorted(glob(matches[0], root_dir=folder, recursive=True))
         if not matches:
-            raise InputError(f"no recordings match {text!r}")
-        entries += [{"path": match} for match in matches]
+            raise InputError(f"no recordings match {item!r}")
+        entries += [{"path": folder / match} for match in matches]
     return entries
 
 
@@ -153,46 +148,41 @@ def _flatten(tables: Any, prefix: str = "") -> dict[str, Any]:
 def study_of(
     sources: Sequence[Path], out: Path | None, vary: Sequence[str], config: Path | None
 ) -> tuple[Study, list[str], Path]:
-    """The study with absolute paths, names of its recordings, and the folder for results."""
+    """The study with absolute paths, since workers may have another current folder; names of its recordings, and the
+    folder for results."""
     if len(sources) == 1 and sources[0].suffix == ".toml":
         if vary or config:
             raise InputError(f"vary and config cannot be combined with a study file; write them into {sources[0]}")
-        study = load_study(sources[0])
-        folder = sources[0].parent
-        out = out or sources[0].with_suffix("")
+        file = sources[0].absolute()
+        study = load_study(file)
+        folder = file.parent
+        out = out or file.with_suffix("")
     else:
         if out is None:
             raise InputError("recordings without a study file need a folder for the results", argument="out")
         parameters, seeds = varied(vary)
-        entries = [RecordingEntry(path=path) for path in sources]
-        study = Study(recordings=entries, config=config, parameters=parameters, seeds=seeds)
-        folder = Path()
-    paths = [entry.path for entry in study.recordings]
-    names = [str(path.relative_to(folder) if path.is_relative_to(folder) else path) for path in paths]
-    twice = [name for name in names if names.count(name) > 1]
-    if twice:
-        raise InputError(f"expected every recording once, found {twice[0]} twice")
-    # Workers may have another current folder.
-    entries = [entry.model_copy(update={n: p and p.absolute() for n, p in entry}) for entry in study.recordings]
-    absolute = study.config and study.config.absolute()
-    return study.model_copy(update={"recordings": entries, "config": absolute}), names, out.absolute()
+        entries = [RecordingEntry(path=path.absolute()) for path in sources]
+        try:
+            study = Study(recordings=entries, config=config and config.absolute(), parameters=parameters, seeds=seeds)
+        except ValidationError as error:
+            raise InputError(first_problem(error), argument="vary") from error
+        folder = Path.cwd()
+    names = [str(entry.path).removeprefix(f"{folder}/") for entry in study.recordings]
+    if len({*names}) < len(names):
+        raise InputError(f"expected every recording once, found {' and '.join(names)}")
+    return study, names, out.absolute()
 
 
-def varied(options: Sequence[str]) -> tuple[dict[str, list[Any]], list[int]]:
+def varied(options: Sequence[str]) -> tuple[dict[str, list[Any]], list[Any]]:
     """Values per parameter, and the seeds where the parameter is ``seed``."""
     parameters: dict[str, list[Any]] = {}
     for text in options:
-        name, equals, values = text.partition("=")
+        name, _, values = text.partition("=")
         listed = [_value(value) for value in values.split(",")]
-        if not equals or not values:
-            raise InputError(f"expected table.key=value,value, found {text!r}", argument="vary")
-        if len(set(map(repr, listed))) < len(listed) or name in parameters:
-            raise InputError(f"expected different settings for every run, found one twice in {text!r}", argument="vary")
+        if not values or name in parameters or len({*map(repr, listed)}) < len(listed):
+            raise InputError(f"expected table.key=value,value, all different, found {text!r}", argument="vary")
         parameters[name.strip()] = listed
-    seeds = parameters.pop("seed", [0])
-    if not all(isinstance(seed, int) and seed >= 0 for seed in seeds):
-        raise InputError(f"expected whole numbers from 0 for seed, found {seeds}", argument="vary")
-    return parameters, seeds
+    return parameters, parameters.pop("seed", [0])
 
 
 def _value(text: str) -> Any:

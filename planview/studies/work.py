@@ -81,15 +81,13 @@ class Job:
     def result(self, done: Done, *, reused: bool) -> JobResult:
         """The row of the run in the table, from how it ended."""
         folder = None if done.error else self.folder
-        figures = done.value or {}
-        return JobResult(self.source.name, self.configuration, self.seed, folder, figures, done.error, reused)
+        return JobResult(self.source.name, self.configuration, self.seed, folder, done.value or {}, done.error, reused)
 
 
 def plan_jobs(study: Study, names: Sequence[str], out: Path) -> list[Job | JobResult]:
     """The runs of a study (arguments of ``run_study``), or why they cannot begin: configuration by configuration,
     recording by recording, seed by seed. Raises InputError: a setting that is no parameter or out of its range."""
     version = code_version()
-    configurations = study.configurations()
     sources = [identify(name, entry) for name, entry in zip(names, study.recordings, strict=True)]
 
     @cache  # recordings that begin with the same parameters share their configurations: there may be RUNS_MAX runs
@@ -98,7 +96,7 @@ def plan_jobs(study: Study, names: Sequence[str], out: Path) -> list[Job | JobRe
         return config, key_of(config.model_dump(mode="json"))
 
     jobs: list[Job | JobResult] = []
-    for configuration in configurations:
+    for configuration in study.configurations():
         for name, source in zip(names, sources, strict=True):
             for seed in study.seeds:
                 if isinstance(source, InputError):
@@ -129,7 +127,7 @@ def identify(name: str, entry: RecordingEntry) -> StudyInput | InputError:
 
 def companion_files(path: Path) -> list[Path]:
     """Files that may belong to a recording of a single file: calibrations, times and poses in its folder."""
-    if path.is_dir() or not path.parent.is_dir():
+    if not path.is_file():
         return []
     endings = (".yml", ".yaml", ".json", ".xml", ".conf")
     names = ("rig.toml", "world.toml", "camera.toml", "timestamps.csv")
@@ -194,26 +192,18 @@ def _do_jobs(
     jobs: Sequence[Job | JobResult], workers: AbstractContextManager[Client], progress: Progress
 ) -> list[JobResult]:
     """Results in the order of the jobs."""
+    own = [job for job in jobs if isinstance(job, Job)]
+    left = {job.scores_file: job for job in own if not read_object(job.scores_file)}
     done: dict[Path, Done] = {}
-    left: dict[Path, Job] = {}
-    for job in jobs:
-        if isinstance(job, JobResult):
-            continue
-        figures = read_object(job.scores_file)
-        if figures:
-            done[job.scores_file] = Done(job.scores_file, figures)
-        else:
-            left[job.scores_file] = job
-    n_reused = len(done)
     if left:
         with workers as client:
             for ended in on_workers(client, do_job, left):
                 done[ended.key] = ended
-                progress(len(done) - n_reused, len(left))
+                progress(len(done), len(left))
     results = []
     for job in jobs:
-        if isinstance(job, JobResult):
-            results.append(job)
-        else:
-            results.append(job.result(done[job.scores_file], reused=job.scores_file not in left))
+        if isinstance(job, Job):
+            file = job.scores_file
+            job = job.result(done.get(file) or Done(file, read_object(file)), reused=file not in left)
+        results.append(job)
     return results

@@ -13,7 +13,8 @@ from calib.ground_camera import GroundCamera, load_ground_camera
 from calib.people.samples import HumanSample, read_image_size, write_samples
 from calib.pose import SE3
 from calib.rig import StereoRig
-from planview.calibration.people import bodies_of, usual_sizes
+from planview.calibration.people import usual_sizes
+from planview.foreground.bodies import bodies_of
 from tests.people import standing_people
 
 CAMERA = Camera(640, 480, 500.0, 500.0, 320.0, 240.0, "brown", (-0.1, 0.01, 0.0, 0.0))

@@ -342,7 +342,7 @@ def test_square_without_unit_is_refused_with_what_to_type(text):
 def test_points_are_pixels_or_metres_but_not_both() -> None:
     assert parse_points(["1,2", "3,4", "5,6"]).shape == (3, 2)
     assert parse_points(["1,2,3", "3,4,5", "5,6,7"]).shape == (3, 3)
-    with pytest.raises(InputError, match="some points are in pixels and some in metres"):
+    with pytest.raises(InputError, match="all u,v in pixels or all x,y,z in metres"):
         parse_points(["1,2", "3,4,5", "5,6"])
 
 
