@@ -1,4 +1,5 @@
-"""`kernel` compiles a function, and caches it for as long as the sources that it depends on stay as they are.
+"""`kernel` compiles a function when it is called, and caches it for as long as the sources that it depends on stay as
+they are.
 
 Numba's own cache looks only at the file of the function, but constants and kernels of other files are compiled into it
 as well.
@@ -12,17 +13,11 @@ import re
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache
+from functools import cache, cached_property
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 from uuid import uuid4
-
-import numba
-from numba import njit
-from numba.core.dispatcher import Dispatcher
-
-Function = TypeVar("Function", bound=Callable[..., Any])
 
 DIGEST_BYTES = sha256().digest_size
 ROOT = Path(__file__).parent.parent
@@ -30,14 +25,48 @@ IMPORT = re.compile(r"^(?:from|import) ((?:calib|stereo|planview)\b[\w.]*)(?: im
 """An import of ours at the top level of a file: neither inside a function nor only for type checkers."""
 
 
-def kernel(function: Function) -> Dispatcher[Function]:
+def kernel(function: Callable[..., Any]) -> Kernel:
     """Compile a function when it is called, once for each set of types; it needs no GIL and divides as numpy does."""
-    compiled = njit(nogil=True, error_model="numpy")(function)
-    try:
-        compiled._cache = _cache_of(function)  # type: ignore[attr-defined]
-    except (AttributeError, ImportError, RuntimeError, TypeError):  # other internals of numba, or no place to write
-        _warn_uncached()
-    return compiled
+    return Kernel(function, nogil=True, error_model="numpy")
+
+
+def helper(function: Callable[..., Any]) -> Kernel:
+    """A function that kernels call, compiled and cached with each of them."""
+    return Kernel(function, nogil=True, error_model="numpy", inline="never")
+
+
+def inlined(function: Callable[..., Any]) -> Kernel:
+    """The same, as if its lines stood in each of them."""
+    return Kernel(function, inline="always")
+
+
+class Kernel:
+    """A function that numba compiles, which is imported for the first call: a third of a second, and the help needs
+    none."""
+
+    def __init__(self, function: Callable[..., Any], **options: Any) -> None:
+        self._function = function
+        self._options = options
+
+    def __call__(self, *args: Any) -> Any:
+        return self.dispatcher(*args)
+
+    @cached_property
+    def dispatcher(self) -> Any:
+        """The function as numba takes it, as are the kernels that it calls."""
+        from numba import njit
+
+        names = self._function.__globals__
+        for name in self._function.__code__.co_names:
+            if isinstance(names.get(name), Kernel):
+                names[name] = names[name].dispatcher
+        compiled = njit(**self._options)(self._function)
+        if "inline" not in self._options:
+            try:
+                compiled._cache = _cache_of(self._function)
+            except (AttributeError, ImportError, RuntimeError, TypeError):  # other internals, or no place to write
+                _warn_uncached()
+        return compiled
 
 
 def _warn_uncached() -> None:
@@ -105,7 +134,9 @@ class KernelCache:
             _warn_uncached()
 
     def _path(self, types: Any, codegen: Any) -> Path:
-        key = repr((numba.__version__, self._key(types, codegen)))
+        from numba import __version__
+
+        key = repr((__version__, self._key(types, codegen)))
         return Path(self.cache_path, f"{self._name}.{sha256(key.encode()).hexdigest()[:16]}.nbc")
 
 

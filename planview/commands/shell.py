@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import gc
 import inspect
 import json
 import re
@@ -127,6 +128,7 @@ def command(
             switched = {name: bool(kwargs.pop(name, False)) for name in own}
             bound = signature.bind(*args, **kwargs)
             bound.apply_defaults()
+            gc.enable()  # all is imported (see ``cli.main``)
             try:
                 show(Call(function, bound, switched, options_of))
             except (InputError, WorkError) as error:

@@ -8,9 +8,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
-from calib.kernels import kernel
+from calib.kernels import helper, inlined, kernel
 from calib.types import F32, U8, AnyArray
 from planview.foreground.params import BACKGROUND, FOREGROUND, NEARER, PERSON, SHADOW
 
@@ -91,7 +90,7 @@ class Pixel(NamedTuple):
     chroma: bool
 
 
-@njit(inline="always")
+@inlined
 def observe(image: U8, row: int, column: int, d: Real, s: Constants) -> Pixel:
     """A pixel's luma and chroma (BT.601, analogue scale) in the exposure of the model."""
     inv_gain = ONE / s.gain
@@ -108,31 +107,31 @@ def observe(image: U8, row: int, column: int, d: Real, s: Constants) -> Pixel:
     return Pixel(min((luma - s.offset) * inv_gain, s.clip), u, v, d, not clipped)
 
 
-@njit(inline="always")
+@inlined
 def shown_luma(g: Gaussian, s: Constants) -> Real:
     """The mean luma as the camera can show it now."""
     return max(min(g.y, s.clip), s.black)
 
 
-@njit(inline="always")
+@inlined
 def chroma_counts(g: Gaussian, o: Pixel, s: Constants) -> Any:
     """Chroma is compared unless one side is dark, clipped or without (Harville, Gordon, Woodfill 2001: dark pixels)."""
     return o.chroma and min(shown_luma(g, s), o.y) > s.dark and g.var_y > ZERO and g.var_u > ZERO
 
 
-@njit(inline="always")
+@inlined
 def both_have_depth(g: Gaussian, o: Pixel, s: Constants) -> Any:
     """Whether depth can be compared (Harville et al. 2001: enough of the Gaussian's observations had depth)."""
     return o.d == o.d and g.depth_fraction >= s.min_depth_fraction
 
 
-@njit(inline="always")
+@inlined
 def distance_in_chroma(g: Gaussian, du: Real, dv: Real, s: Constants) -> Real:
     """Squared normalised distance in chroma."""
     return du * du / max(g.var_u, s.floor_uv) + dv * dv / max(g.var_v, s.floor_uv)
 
 
-@njit(inline="always")
+@inlined
 def colour_distance(g: Gaussian, o: Pixel, s: Constants) -> Real:
     """Squared normalised distance in luma, and in chroma where that counts; NaN or infinite for an empty Gaussian."""
     dy = o.y - shown_luma(g, s)
@@ -143,7 +142,7 @@ def colour_distance(g: Gaussian, o: Pixel, s: Constants) -> Real:
     return dy * dy / max(abs(g.var_y), noise_y) + in_chroma
 
 
-@njit(inline="always")
+@inlined
 def is_other_light(g: Gaussian, o: Pixel, chroma: bool, darkest: Real, s: Constants) -> Any:
     """The same surface under a shadow or a patch of light: luma off by a plausible ratio, chroma scaled alike."""
     ratio = (o.y - s.black) / max(shown_luma(g, s) - s.black, ONE)
@@ -153,7 +152,7 @@ def is_other_light(g: Gaussian, o: Pixel, chroma: bool, darkest: Real, s: Consta
     return like and ratio >= darkest and ratio * darkest <= ONE
 
 
-@njit(inline="always")
+@inlined
 def match(g: Gaussian, o: Pixel, s: Constants) -> int:
     """NO_MATCH, SAME or OTHER_LIGHT: depth overrules colour where both have it (Harville et al. 2001).
 
@@ -176,13 +175,13 @@ def match(g: Gaussian, o: Pixel, s: Constants) -> int:
     return OTHER_LIGHT if is_other_light(g, o, chroma_counts(g, o, s), darkest, s) else NO_MATCH
 
 
-@njit(inline="always")
+@inlined
 def smallest_var_d(d: Real, s: Constants) -> Real:
     """A deviation sigma_z of depth is sigma_z d^2 / (f b) in disparity: its variance grows with d^4."""
     return s.floor_d + s.floor_d_per_d4 * ((d * d) * (d * d))
 
 
-@njit(inline="always")
+@inlined
 def learn(g: Gaussian, o: Pixel, kind: int, rate: Real, s: Constants) -> None:
     """Update a Gaussian by an observation that matches it; other light moves the means but not the variances."""
     rate_var = rate if kind == SAME else ZERO
@@ -222,7 +221,7 @@ def learn(g: Gaussian, o: Pixel, kind: int, rate: Real, s: Constants) -> None:
         g.var_d = NEW_VARIANCE * smallest_var_d(o.d, s)
 
 
-@njit(nogil=True, error_model="numpy")
+@helper
 def start(g: Gaussian, weight: Real, o: Pixel, s: Constants) -> None:
     """Begin a Gaussian at an observation."""
     has_depth = o.d == o.d
@@ -237,13 +236,13 @@ def start(g: Gaussian, weight: Real, o: Pixel, s: Constants) -> None:
     g.var_d = NEW_VARIANCE * smallest_var_d(g.d, s)
 
 
-@njit(nogil=True, error_model="numpy")
+@helper
 def is_deep(g: Gaussian, s: Constants) -> Any:
     """Whether a Gaussian has depth and a weight above T_D."""
     return g.weight > s.deepest_weight and g.depth_fraction >= s.min_depth_fraction
 
 
-@njit(nogil=True, error_model="numpy")
+@helper
 def is_background(mixture: AnyArray, index: int, s: Constants) -> Any:
     """Whether a Gaussian is one of the leading ones up to weight T, or the deepest above T_D (Harville et al. 2001)."""
     before = ZERO
@@ -255,7 +254,7 @@ def is_background(mixture: AnyArray, index: int, s: Constants) -> Any:
     return before <= s.background_weight or deepest
 
 
-@njit(nogil=True, error_model="numpy")
+@helper
 def classify(leader: Gaussian, o: Pixel, s: Constants) -> int:
     """Kind of a pixel that is not background: SHADOW by its colour, NEARER by depth alone, or FOREGROUND."""
     dim = o.d != o.d and o.y < leader.y and s.colour_shadow_ratio > ZERO
@@ -265,7 +264,7 @@ def classify(leader: Gaussian, o: Pixel, s: Constants) -> int:
     return NEARER if in_front and colour_distance(leader, o, s) < s.beta else FOREGROUND
 
 
-@njit(nogil=True, error_model="numpy")
+@helper
 def sort(mixture: AnyArray, spare: AnyArray, s: Constants) -> None:
     """Make the weights add up to 1 and order by decreasing weight / deviation of luma (insertion sort, stable)."""
     total = ZERO
@@ -282,13 +281,13 @@ def sort(mixture: AnyArray, spare: AnyArray, s: Constants) -> None:
         mixture[place] = spare[0]
 
 
-@njit(nogil=True, error_model="numpy")
+@helper
 def rank(g: Gaussian, s: Constants) -> Real:
     """Squared weight / deviation of luma; 0 where nothing was learned."""
     return g.weight * g.weight / max(abs(g.var_y), s.floor_y)
 
 
-@njit(nogil=True, error_model="numpy")
+@helper
 def settle(
     mixture: AnyArray, spare: AnyArray, o: Pixel, rate_w: Real, rate_m: Real, fast: Real, s: Constants
 ) -> int:  # fmt: skip

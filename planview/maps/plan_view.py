@@ -84,7 +84,8 @@ class PlanViewMaps:
 def raw_maps(points: FloorPoints, grid: Grid, height_min_m: float) -> tuple[F32, F32]:
     """Highest point [m] and summed area [m^2] of every cell, of points above ``height_min_m``."""
     corner = (grid.x_min_m, grid.y_min_m, grid.cell_m)
-    return accumulate(points.xyz, points.area, height_min_m, corner, grid.shape)
+    height_m, area_m2 = accumulate(points.xyz, points.area, height_min_m, corner, grid.shape)
+    return height_m, area_m2
 
 
 def plan_view(sensors: Sequence[FloorPoints], grid: Grid, params: MapParams) -> PlanViewMaps:

@@ -11,9 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
-from calib.kernels import kernel
+from calib.kernels import inlined, kernel
 from calib.types import F32, F64, I64
 from planview.maps.view import BACKGROUND_SEEN as SEEN
 from planview.maps.view import NO_DEPTH, SHADED, SURFACE, UNKNOWN
@@ -95,7 +94,7 @@ def _find_covered(x: float, y: float, h: float, samples, table) -> int:  # type:
     return k
 
 
-@njit(inline="always")
+@inlined
 def _surface(i, pose, samples, table):  # type: ignore[no-untyped-def]
     """Surface of a body at a covered sample: how surely it covers the ray, its range [m] and its relative height."""
     rays = samples.rays
@@ -110,7 +109,7 @@ def _surface(i, pose, samples, table):  # type: ignore[no-untyped-def]
     return table.cover[cell], at, (rays[CZ, i] - rays[SIN, i] * at) / h
 
 
-@njit(inline="always")
+@inlined
 def _on_body(pixel, at, z, upright, ratios, m):  # type: ignore[no-untyped-def]
     """Likelihood of a pixel on a body whose surface is at a range and at a relative height of a body, which is
     ``upright`` [of the height when upright]; the right camera sees nothing before ``matched_m``."""
@@ -133,7 +132,7 @@ def _on_body(pixel, at, z, upright, ratios, m):  # type: ignore[no-untyped-def]
     return shown * (1.0 - m.no_depth) * ((1.0 - m.outliers) * normal + m.outliers / m.range_m)
 
 
-@njit(inline="always")
+@inlined
 def _on_ground(pixel, m):  # type: ignore[no-untyped-def]
     """Likelihood of a pixel on which nobody is; ``near`` people there are arms, shadows and what is carried."""
     if pixel.kind >= UNKNOWN:
@@ -147,14 +146,14 @@ def _on_ground(pixel, m):  # type: ignore[no-untyped-def]
     return 0.5 * (m.near_people / (2 * m.reach_m) if pixel.near else m.background / m.range_m)
 
 
-@njit(inline="always")
+@inlined
 def _hides(pixel, at, z):  # type: ignore[no-untyped-def]
     """True where background nearer than a body hides it."""
     seen = pixel.kind == SEEN and pixel.range_m > 0.0
     return seen and z < FURNITURE_TO and (at - pixel.range_m) * pixel.sharp > 3.0
 
 
-@njit(inline="always")
+@inlined
 def _count_before(i, at, samples):  # type: ignore[no-untyped-def]
     """Number of others on a sample's ray before a range."""
     j = 0

@@ -6,9 +6,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
-from calib.kernels import kernel
+from calib.kernels import inlined, kernel
 from calib.types import F32, F64, I64, U8, AnyArray, Bool
 from planview.maps.view import SURFACE, UNKNOWN, PixelRays
 from planview.tracking.body import FACINGS_PER_RAD
@@ -206,7 +205,7 @@ class SampleArrays(NamedTuple):
         return SampleArrays._make(array[k] for array in self)
 
 
-@njit(inline="always")
+@inlined
 def _row_of(row, x, y, z):  # type: ignore[no-untyped-def]
     """Product of a row of a projection and a point."""
     return row[0] * x + row[1] * y + row[2] * z + row[3]
@@ -260,7 +259,7 @@ def mark_shared_rays(poses: F64, half_m: float, view, shared: Bool) -> None:  # 
                 shared[i, j] = True
 
 
-@njit(inline="always")
+@inlined
 def _take(n, row, col, weight, spread, view, samples, table, model):  # type: ignore[no-untyped-def]
     """Make a pixel the n-th sample; ``spread``: of the ray's direction and of the lean."""
     rays = samples.rays
@@ -330,7 +329,7 @@ def _gather(pose: F64, reach_m: float, view, samples, table, model) -> None:  # 
         _choose_main(first, n - first, samples)
 
 
-@njit(inline="always")
+@inlined
 def _choose_main(first, count, samples):  # type: ignore[no-untyped-def]
     """Take the camera of some samples for the main one if it gives more than the main one so far."""
     rays = samples.rays
@@ -343,13 +342,13 @@ def _choose_main(first, count, samples):  # type: ignore[no-untyped-def]
         samples.size[2] = count
 
 
-@njit(inline="always")
+@inlined
 def pose_tuple(pose):  # type: ignore[no-untyped-def]
     """Pose (5,) as a tuple."""
     return pose[0], pose[1], pose[2], pose[3], pose[4]
 
 
-@njit(inline="always")
+@inlined
 def samples_of_person(samples, k):  # type: ignore[no-untyped-def]
     """Samples of one of several people."""
     return SampleArrays(

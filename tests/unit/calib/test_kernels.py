@@ -13,7 +13,7 @@ from calib import kernels
 START = """
 from planview.toy import scaled
 value = scaled(3)
-print(value, sum(scaled.stats.cache_hits.values()))
+print(value, sum(scaled.dispatcher.stats.cache_hits.values()))
 """
 
 
@@ -84,7 +84,8 @@ def test_kernel_file_that_cannot_be_opened_is_replaced(copy):
 
 def test_kernel_that_cannot_be_saved_runs_with_a_warning(copy):
     with (copy / "planview" / "toy.py").open("a") as toy:
-        toy.write("import shutil\nshutil.rmtree('planview/__pycache__')\nopen('planview/__pycache__', 'w').close()\n")
+        toy.write("scaled.dispatcher\nimport shutil\nshutil.rmtree('planview/__pycache__')\n")
+        toy.write("open('planview/__pycache__', 'w').close()\n")
     done = start(copy)
     assert done.stdout == "60 0\n" and "kernels cannot be cached" in done.stderr
 
@@ -99,7 +100,7 @@ def test_kernel_is_not_compiled_again_when_a_file_it_does_not_import_is_edited_o
 def test_kernel_runs_uncached_with_one_warning_where_no_folder_can_be_written(copy):
     (copy / "planview" / "__pycache__").write_text("")
     with (copy / "planview" / "toy.py").open("a") as toy:
-        toy.write("kernel(lambda x: x)\n")
+        toy.write("kernel(lambda x: x).dispatcher\n")
     done = start(copy, XDG_CACHE_HOME=str(copy / "planview" / "toy.py"))
     assert done.stdout == "60 0\n" and done.stderr.count("set NUMBA_CACHE_DIR to a folder that stays") == 1
 
@@ -107,7 +108,7 @@ def test_kernel_runs_uncached_with_one_warning_where_no_folder_can_be_written(co
 def test_kernel_runs_uncached_with_a_warning_where_numba_has_no_such_cache(monkeypatch):
     monkeypatch.delattr("numba.core.caching.FunctionCache")
     with pytest.warns(RuntimeWarning, match="this version of numba is unknown"):
-        uncached = kernels.kernel(kept)
+        uncached = kernels.kernel(kept).dispatcher
     assert uncached.stats.cache_path is None
 
 
