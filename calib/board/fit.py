@@ -14,7 +14,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from scipy.optimize import approx_fprime, least_squares
 
 from calib.board.detect import BoardView, Corners, Side
 from calib.camera import Camera, LensModel
@@ -245,6 +244,7 @@ def view_errors(rig: StereoRig, view: BoardView, points: F64, pose: F64) -> F64:
 
 def held_out_error(rig: StereoRig, view: BoardView, points: F64, start: F64) -> float:
     """Mean square error [px^2] of a view that the rig was not fitted to, its board's pose fitted alone."""
+    from scipy.optimize import least_squares  # half a second
 
     def residuals(pose: F64) -> F64:
         return np.nan_to_num(view_errors(rig, view, points, pose).ravel(), nan=1e3)
@@ -257,6 +257,8 @@ def standard_deviations(views: Sequence[BoardView], points: F64, fit: RigFit) ->
     """Standard deviation of every parameter of the rig, computed as OpenCV does for one camera: from the scatter of the
     residuals and their Jacobian by rig and board poses, whose share is eliminated view by view (Schur complement).
     OpenCV has none for the transform between two cameras, nor for a fisheye."""
+    from scipy.optimize import approx_fprime  # half a second
+
     parameters = rig_parameters(fit.rig)
     values = np.array(list(parameters.values()))[:-1]  # without the baseline
     free = values != 0.0  # the coefficients that the lens does not have are exactly 0

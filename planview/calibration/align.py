@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from calib.errors import InputError, WorkError
 from calib.pose import SE3
@@ -240,6 +239,8 @@ def _refined(motion: RigAlignment, first: Paths, second: Paths, meet_m: float, d
 
     def residual_m(v: F64, first_px: float = disparity_px, second_px: float = disparity_px) -> F64:
         return np.concatenate([m.residual(v, (first_px, second_px), pivot) for m in meetings])
+
+    from scipy.optimize import least_squares  # half a second
 
     start = np.array([motion.heading_rad, *motion.apply(pivot), motion.clock_s])
     result = least_squares(

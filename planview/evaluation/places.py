@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from calib.types import F64, I64
 from planview.evaluation.metrics import pairs_in_frames
@@ -46,8 +46,8 @@ class Places:
         return np.column_stack([self.at, FRAME_APART * self.frame])
 
     @cached_property
-    def tree(self) -> cKDTree:
-        return cKDTree(self.in_space)
+    def tree(self) -> Any:
+        return tree_of(self.in_space)
 
     def spread(self, most: int) -> Places:
         """So many rows at most, spread over the whole."""
@@ -58,6 +58,13 @@ class Places:
 
     def moved(self, frames: float, offset: F64 | float) -> Places:
         return Places(self.frame + frames, self.at + offset)
+
+
+def tree_of(points: F64) -> Any:
+    """A tree to search the neighbours of (N, D) points in."""
+    from scipy.spatial import cKDTree  # a quarter of a second
+
+    return cKDTree(points)
 
 
 def near_unit(tracks: Trajectories, on_floor: bool) -> float:
@@ -116,7 +123,7 @@ def movements(table: Trajectories, places: Places) -> Places:
 
 def vote_shift(rows: Places, others: Places) -> int:
     """Frames by which the others are later, by the votes of pairs of rows at about one place; 0 without any."""
-    pairs = cKDTree(rows.at).sparse_distance_matrix(cKDTree(others.at), 0.5, output_type="coo_matrix")
+    pairs = tree_of(rows.at).sparse_distance_matrix(tree_of(others.at), 0.5, output_type="coo_matrix")
     later = np.round(others.frame[pairs.col] - rows.frame[pairs.row]).astype(np.int64)
     if len(later) == 0:
         return 0
@@ -134,7 +141,7 @@ def vote_offset(rows: Places, others: Places) -> F64:
     if len(first) < VOTES_MIN:
         return np.zeros(rows.at.shape[1])
     offsets = others.at[by_frame[second]] - rows.at[first]
-    tree = cKDTree(offsets)
+    tree = tree_of(offsets)
     votes = tree.query_ball_point(offsets, 0.5, return_length=True)
     agreeing = tree.query_ball_point(offsets[np.argmax(votes)], 0.5)
     return np.asarray(np.median(offsets[agreeing], axis=0))
