@@ -258,7 +258,7 @@ def count(
     clock = Clock(file.table, fps or (run.info.fps if run else None))
     plane = _plane(path_of(camera), path_of(rig), run or None)
     placed = rules if isinstance(rules, Rules) else rules_files.load_rules(Path(rules), plane)
-    _note((path and _unfinished(path)) or "", placed.of_unknown_size, placed.unreached(found))
+    _note((path and _unfinished(path)) or "", placed.unknown_size_note, placed.far_rule_note(found))
     n_frames = run.n_frames if run else int(file.table.frame.max(initial=-1)) + 1
     counts = count_tracks(found, placed, params, clock=clock, n_frames=n_frames)
     counts = replace(counts, span=run.span) if run else counts

@@ -37,7 +37,7 @@ class Event:
     kind: EventKind
     track_id: int
     direction: Direction = ""
-    """Of a crossing, looking along the line from its first to its second point; empty for zones."""
+    """The way of a crossing, looking along the line from its first to its second point; empty for zones."""
 
 
 def write_event_header(file: IO[str]) -> None:
@@ -46,9 +46,10 @@ def write_event_header(file: IO[str]) -> None:
 
 def write_event_rows(file: IO[str], events: Iterable[Event]) -> None:
     """Append events in the order given."""
-    csv.writer(file, lineterminator="\n").writerows(
-        (e.frame, f"{e.timestamp_s:.4f}", e.rule, e.kind, e.track_id, e.direction) for e in events
-    )
+    writer = csv.writer(file, lineterminator="\n")
+    for event in events:
+        time_text = f"{event.timestamp_s:.4f}"
+        writer.writerow((event.frame, time_text, event.rule, event.kind, event.track_id, event.direction))
 
 
 def read_events(path: Path) -> list[Event]:

@@ -1,4 +1,4 @@
-"""``rules.toml``: the tripwires, zones and queues to count, when a person counts, and the camera that places them."""
+"""``rules.toml``: the tripwires, zones and queues to count, and the camera that places them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ PlaneName = Literal["floor", "image"]
 
 
 class RulePlane:
-    """Where rules are applied: on the floor; in the image for rules in pixels of a camera that is not known.
+    """The plane in which rules are applied: the floor; the image for rules in pixels of a camera that is not known.
     ``image_size``: (width, height) [px] where only that is known; ``has_floor``: tracks have places in metres."""
 
     def __init__(
@@ -93,8 +93,9 @@ class RulePlane:
 
 def _along(points: F64) -> F64:
     """65 points on each side of the closed outline, which are tested for being in view."""
-    t = np.linspace(0.0, 1.0, 65)[:, None]
-    return np.concatenate([a + t * (b - a) for a, b in zip(points, np.roll(points, -1, axis=0), strict=True)])
+    share = np.linspace(0.0, 1.0, 65)[:, None]
+    sides = zip(points, np.roll(points, -1, axis=0), strict=True)
+    return np.concatenate([start + share * (end - start) for start, end in sides])
 
 
 class Outline:
@@ -115,7 +116,7 @@ class Outline:
 
 
 def problem_of(polygon: F64) -> str:
-    """Why an (N, 2) polygon is none, in words that end "found ..."; empty where it is one."""
+    """The fault of an (N, 2) polygon, in words that end "found ..."; empty where there is none."""
     shape = shapely.Polygon(polygon)
     if shapely.convex_hull(shape).area < 1e-6:
         return "points on a line"
@@ -144,10 +145,10 @@ class AnalyticsParams(Params):
     """Tripwires and zones."""
 
     hysteresis_m: float = Field(0.25, ge=0, le=5)
-    """How far beyond a line a person must be observed, on both sides, for a crossing [m]. Half a shoulder's
+    """Distance beyond a line at which a person must be observed, on both sides, for a crossing [m]. Half a shoulder's
     breadth, so that the body is across; more than twice the position noise of a good tracker."""
     zone_hysteresis_m: float = Field(0.15, ge=0, le=5)
-    """How deep inside or outside a zone a person must be observed to enter or leave it [m]. A little more
+    """Depth inside or outside a zone at which a person must be observed to enter or leave it [m]. A little more
     than the position noise of a tracker. Smaller than for a line: a crossing counted wrongly stays counted, occupancy
     is right again with the next step, and a person walking along the outline is inside all the same."""
     min_age_s: float = Field(PERSON_S, ge=0, le=60)
@@ -158,8 +159,8 @@ class AnalyticsParams(Params):
     Trackers re-attach by themselves over longer times (Harville 2002: 4 s), so this only bridges what they
     do not, and two people through the same door are farther apart."""
     stitch_m: float = Field(0.6, ge=0, le=5)
-    """How near to the predicted place [m]. A person that stops, or turns, within half a second at walking
-    pace."""
+    """Distance to the predicted place up to which it is [m]: what a person who stops, or turns, walks in half a
+    second."""
     interval_s: float = Field(60.0, gt=0, le=86400)
     """Length of the intervals of the totals [s]."""
 
@@ -256,7 +257,7 @@ class Rules:
         return [rule.name for rule in self.tripwires + self.zones] + [queue.name for queue in self.queues]
 
     @property
-    def of_unknown_size(self) -> str:
+    def unknown_size_note(self) -> str:
         """A sentence where lines in pixels may end at the image's border, whose place is not known; empty elsewhere."""
         names = [wire.name for wire in self.tripwires if wire.plane == "image" and wire.counted is None]
         if not names:
@@ -266,7 +267,7 @@ class Rules:
             "people whose feet the border of the image cuts off do not cross it"
         )
 
-    def unreached(self, tracks: Trajectories) -> str:
+    def far_rule_note(self, tracks: Trajectories) -> str:
         """A sentence on rules of which no track comes within the size of the place that all tracks cover; empty where
         there are none."""
         left, top, width, height = tracks.box_px.T
@@ -322,9 +323,10 @@ def parse_rules(data: dict[str, Any], plane: RulePlane, source: str) -> Rules:
     if not file.tripwire and not file.zone:
         raise InputError(f"{source}: expected at least one [[tripwire]] or [[zone]], found none")
     names = [rule.name for rule in (*file.tripwire, *file.zone, *file.queue)]
-    zones = [z.name for z in file.zone]
-    if twice := next((name for i, name in enumerate(names) if name in names[:i]), None):
-        raise InputError(f"{source}: expected every rule to have a name of its own, found {twice!r} twice")
+    zones = [zone.name for zone in file.zone]
+    for number, name in enumerate(names):
+        if name in names[:number]:
+            raise InputError(f"{source}: expected every rule to have a name of its own, found {name!r} twice")
     for queue in file.queue:
         if queue.zone not in zones:
             raise InputError(
@@ -374,15 +376,15 @@ def _wire(rule: Tripwire, plane: RulePlane, source: str) -> Placed:
 
 def _zone(rule: Zone, plane: RulePlane, source: str) -> Placed:
     if (rule.polygon_m is None) == (rule.polygon_px is None):
-        found = "neither" if rule.polygon_m is None else "both"
-        raise InputError(f"{source}: expected polygon_m or polygon_px in zone {rule.name!r}, found {found}")
-    polygon = rule.polygon_m if rule.polygon_m is not None else rule.polygon_px
-    points = np.array(polygon, dtype=np.float64).reshape(-1, 2)
+        given = "neither" if rule.polygon_m is None else "both"
+        raise InputError(f"{source}: expected polygon_m or polygon_px in zone {rule.name!r}, found {given}")
+    points = np.array(rule.polygon_m or rule.polygon_px or [], dtype=np.float64).reshape(-1, 2)
     if len(points) > 3 and (points[0] == points[-1]).all():
         points = points[:-1]
     if len(points) < 3:
         raise InputError(f"{source}: expected at least 3 points in zone {rule.name!r}, found {len(points)}")
-    if problem := problem_of(points):
+    problem = problem_of(points)
+    if problem:
         raise InputError(
             f"{source}: expected a polygon that does not cross itself in zone {rule.name!r}, found {problem}"
         )

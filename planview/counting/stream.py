@@ -1,5 +1,4 @@
-"""Counting frame by frame, the same for a file of tracks and for a live run: where people are observed, and how they
-pass tripwires and stay in zones."""
+"""Counting frame by frame, alike for a file of tracks and a live run: people pass tripwires and stay in zones."""
 
 from __future__ import annotations
 
@@ -56,13 +55,12 @@ class TrackPlaces:
 
     def best(self) -> tuple[F64, F64, F64]:
         """(N,) x, y and units per metre on the floor where that is known, else in the image."""
-        on_floor = np.isfinite(self.floor_m).all(axis=1)
-        planes = zip(self.within("floor"), self.within("image"), strict=True)
-        x, y, per_m = (np.where(on_floor, floor, image) for floor, image in planes)
+        is_on_floor = np.isfinite(self.floor_m).all(axis=1)
+        x, y, per_m = np.where(is_on_floor, self.within("floor"), self.within("image"))
         return x, y, per_m
 
-    def observed(self) -> Bool:
-        """(N,) whether a row has a place and is more than a prediction."""
+    def are_observed(self) -> Bool:
+        """(N,) mask of the rows that have a place and are more than a prediction."""
         x, y, per_m = self.best()
         return np.asarray((self.state != "lost") & np.isfinite(x + y + per_m))
 
@@ -77,14 +75,14 @@ class Sight(NamedTuple):
     along: float = 0.0
 
     def is_opposite(self, later: Sight) -> bool:
-        """Whether the rule lies between two sightings."""
+        """True if the rule lies between two sightings."""
         return (self.inside_m >= 0) != (later.inside_m >= 0)
 
     def share_to(self, later: Sight) -> float:
-        """Where between two sightings on different sides the rule is passed, from 0 to 1."""
+        """The place between two sightings on different sides where the rule is passed, from 0 to 1."""
         return self.inside_m / (self.inside_m - later.inside_m)
 
-    def passed(self, later: Sight) -> tuple[int, float]:
+    def passing(self, later: Sight) -> tuple[int, float]:
         """The first frame at or after the rule is passed, and the moment."""
         share = self.share_to(later)
         moment = self.timestamp_s + share * (later.timestamp_s - self.timestamp_s)
@@ -163,7 +161,9 @@ class WireState:
         if self.last is not None:
             self._step_to(self.last, now)
         self.last = now
-        crossing = self._crossing_to(1 if side_m >= 0 else -1) if abs(side_m) >= self.hysteresis_m else None
+        crossing = None
+        if abs(side_m) >= self.hysteresis_m:
+            crossing = self._crossing_to(1 if side_m >= 0 else -1)
         if self.waiting is not None and timestamp_s - self.waiting[0].timestamp_s >= self.waiting[1]:
             crossing = self.waiting[0]
             self.waiting = None
@@ -178,7 +178,7 @@ class WireState:
         along = last.along + last.share_to(now) * (now.along - last.along)
         if 0.0 <= along <= 1.0:
             step_s = now.timestamp_s - last.timestamp_s
-            self.step = *last.passed(now), is_jump(step_s, abs(now.inside_m - last.inside_m))
+            self.step = *last.passing(now), is_jump(step_s, abs(now.inside_m - last.inside_m))
             self.net += 1 if now.inside_m >= 0 else -1
 
     def _crossing_to(self, side: int) -> Passage | None:
@@ -207,9 +207,9 @@ class Stay:
     start_s: float
     end_s: float
     entered: bool
-    """Came in over the outline; false for a track that began inside."""
+    """True for a person who came in over the outline, false for a track that began inside."""
     left: bool = False
-    """Went out over the outline; false for a track that ended inside, or is still there."""
+    """True for a person who went out over the outline, false for a track that ended inside, or is still there."""
 
     @property
     def dwell_s(self) -> float:
@@ -256,7 +256,7 @@ class AreaState:
         before = self.last
         self.last = now
         if before is not None and before.is_opposite(now):
-            self.passed = before.passed(now)
+            self.passed = before.passing(now)
         if self.stay is None:
             if before is None and depth_m >= 0:
                 self.stay = Stay(timestamp_s, timestamp_s, entered=False)
@@ -330,7 +330,7 @@ class CountedPerson:
             self.trail.popleft()
 
     def has_ended(self, timestamp_s: float, row: TrackRow) -> bool:
-        """Whether a row of the same id begins another track."""
+        """True if a row of the same id begins another track."""
         last = self.trail[-1]
         moved_m = _apart_m(last, row.x - last.x, row.y - last.y, row)
         return has_ended(timestamp_s - self.present_s, timestamp_s - last.timestamp_s, moved_m)
@@ -398,9 +398,12 @@ class Analytics(Carried):
 
     def rows(self, places: TrackPlaces) -> list[TrackRow]:
         """Rows of tracks, of any number of frames, with where they are at every rule."""
-        at_rules = [column.tolist() for rule in self._rules for column in rule.locate(places)]
-        columns = places.track_id, places.state == "confirmed", places.observed(), *places.best()
-        return list(map(TrackRow, *(column.tolist() for column in columns), zip(*at_rules, strict=True)))
+        at_rules = []
+        for rule in self._rules:
+            at_rules += [column.tolist() for column in rule.locate(places)]
+        columns = (places.track_id, places.state == "confirmed", places.are_observed(), *places.best())
+        lists = [column.tolist() for column in columns]
+        return list(map(TrackRow, *lists, zip(*at_rules, strict=True)))
 
     def update_rows(self, frame: int, timestamp_s: float, rows: Sequence[TrackRow]) -> tuple[Event, ...]:
         """``update`` with rows of the frame as ``rows`` gives them."""
@@ -456,18 +459,18 @@ class Analytics(Carried):
         self._ended = [person for person in self._ended if person.present_s >= earliest_s]
 
     def _person_of(self, timestamp_s: float, row: TrackRow, present: Container[CountedPerson]) -> CountedPerson:
-        """Whom a row shows: who has its id, who walked to its place under another id, or somebody new."""
+        """The person of a row: with its id, or who walked to its place under another id, or somebody new."""
         person = self._of_id.get(row.track_id)
         if person is not None and person not in present and person.has_ended(timestamp_s, row):
             self._ended.append(self._of_id.pop(row.track_id))
             person = None
         if person is None:
-            person = self._stitched(timestamp_s, row, present)
+            person = self._continued(timestamp_s, row, present)
         if person is None or person in present:
             person = CountedPerson(row.track_id, [rule.new_state() for rule in self._rules])
         return person
 
-    def _stitched(self, timestamp_s: float, row: TrackRow, present: Container[CountedPerson]) -> CountedPerson | None:
+    def _continued(self, timestamp_s: float, row: TrackRow, present: Container[CountedPerson]) -> CountedPerson | None:
         """The unobserved person predicted nearest to the place of a new track, within stitch_m and stitch_s."""
         best = None
         nearest_m = self.params.stitch_m

@@ -33,9 +33,9 @@ class Counts:
     rules: Rules
     events: Sequence[Event]
     stays: dict[str, list[Stay]]
-    """Of every zone."""
+    """Stays in every zone."""
     people: dict[str, int]
-    """Of every tripwire and zone, each person once per visit."""
+    """People at every tripwire and zone, each once per visit."""
     span: Span
     interval_s: float
     """Length of the intervals of the totals [s]."""
@@ -43,8 +43,10 @@ class Counts:
     @staticmethod
     def of(analytics: Analytics, events: Sequence[Event], span: Span) -> Counts:
         """All that an analysis has counted, at its end."""
-        stays = {name: sorted(stays, key=lambda s: s.start_s) for name, stays in analytics.stays.items()}
-        ordered = sorted(events, key=lambda e: e.timestamp_s)
+        stays = {}
+        for name, of_zone in analytics.stays.items():
+            stays[name] = sorted(of_zone, key=lambda stay: stay.start_s)
+        ordered = sorted(events, key=lambda event: event.timestamp_s)
         interval_s = max(analytics.params.interval_s, span.duration_s / INTERVALS_MAX)
         return Counts(analytics.rules, ordered, stays, analytics.people, span, interval_s)
 
@@ -130,25 +132,31 @@ class Counts:
 
     def _changes(self, stays: Sequence[Stay]) -> list[tuple[float, int]]:
         """(time, people from then on) at the beginning and at every change."""
-        times = np.unique([self.span.start_s, *np.concatenate(_times(stays, self.span.frame_s))])
-        return [(round(float(t), 4), int(n)) for t, n in zip(times, self._number(stays, times), strict=True)]
+        begins, ends = _times(stays, self.span.frame_s)
+        times_s = np.unique([self.span.start_s, *begins, *ends])
+        numbers = self._number(stays, times_s)
+        return [(round(time_s, 4), number) for time_s, number in zip(times_s.tolist(), numbers.tolist(), strict=True)]
 
     def _number(self, stays: Sequence[Stay], times_s: F64) -> I64:
         """(N,) stays under way at times [s], which have four decimals in files."""
-        starts, ends = (np.sort(times) for times in _times(stays, self.span.frame_s))
-        begun = np.searchsorted(starts, times_s + 1e-6, side="right")
-        return begun - np.searchsorted(ends, times_s + 1e-6, side="right")
+        begins, ends = _times(stays, self.span.frame_s)
+        begun = np.searchsorted(np.sort(begins), times_s + 1e-6, side="right")
+        done = np.searchsorted(np.sort(ends), times_s + 1e-6, side="right")
+        return begun - done
 
     def _mean(self, stays: Sequence[Stay], start_s: float, end_s: float) -> float:
         """Mean number of people from one time to another."""
-        starts, ends = _times(stays, self.span.frame_s)
-        inside_s = np.maximum(0.0, np.minimum(ends, end_s) - np.maximum(starts, start_s)).sum()
-        return float(inside_s) / (end_s - start_s) if end_s > start_s else 0.0
+        if end_s <= start_s:
+            return 0.0
+        begins, ends = _times(stays, self.span.frame_s)
+        inside_s = np.maximum(0.0, np.minimum(ends, end_s) - np.maximum(begins, start_s)).sum()
+        return float(inside_s) / (end_s - start_s)
 
 
 def _between(events: Sequence[Event], start_s: float, end_s: float) -> Sequence[Event]:
     """Those of the events, by time, that are in an interval."""
-    first, last = (bisect_left(events, time_s, key=lambda event: event.timestamp_s) for time_s in (start_s, end_s))
+    first = bisect_left(events, start_s, key=lambda event: event.timestamp_s)
+    last = bisect_left(events, end_s, key=lambda event: event.timestamp_s)
     return events[first:last]
 
 
@@ -160,8 +168,10 @@ def _times(stays: Sequence[Stay], frame_s: float) -> tuple[F64, F64]:
 
 def _by_direction(events: Sequence[Event], inward: Direction) -> dict[str, int]:
     count = Counter(event.direction for event in events)
-    found = {"left_to_right": count["left_to_right"], "right_to_left": count["right_to_left"]}
-    return found | {"in": count[inward], "out": len(events) - count[inward]} if inward else found
+    numbers = {"left_to_right": count["left_to_right"], "right_to_left": count["right_to_left"]}
+    if inward:
+        numbers |= {"in": count[inward], "out": len(events) - count[inward]}
+    return numbers
 
 
 def _passages(events: Sequence[Event]) -> dict[str, int]:
@@ -277,34 +287,34 @@ class CountScores:
         return {"rules": rules}
 
 
-def score_counts(true: Counts, found: Counts, window_s: float) -> CountScores:
+def score_counts(true: Counts, counted: Counts, window_s: float) -> CountScores:
     """Score all rules against the counts of the truth."""
-    times = found.span.frame_times()
+    times = counted.span.frame_times()
     occupancy = {
-        zone.name: occupancy_groups(true.occupancy(zone.name, times), found.occupancy(zone.name, times))
-        for zone in found.rules.zones
+        zone.name: occupancy_groups(true.occupancy(zone.name, times), counted.occupancy(zone.name, times))
+        for zone in counted.rules.zones
     }
-    return CountScores(score_events(true.events, found, window_s).crossings, occupancy)
+    return CountScores(score_events(true.events, counted, window_s).crossings, occupancy)
 
 
-def score_events(true: Sequence[Event], found: Counts, window_s: float) -> CountScores:
+def score_events(true: Sequence[Event], counted: Counts, window_s: float) -> CountScores:
     """Score the tripwires against true crossings."""
     crossings = {
-        wire.name: crossing_scores(_of(true, wire.name), _of(found.events, wire.name), window_s)
-        for wire in found.rules.tripwires
+        wire.name: crossing_scores(_of(true, wire.name), _of(counted.events, wire.name), window_s)
+        for wire in counted.rules.tripwires
     }
     return CountScores(crossings, {})
 
 
-def crossing_scores(true: Sequence[Event], found: Sequence[Event], window_s: float) -> CrossingScores:
+def crossing_scores(true: Sequence[Event], counted: Sequence[Event], window_s: float) -> CrossingScores:
     """Match crossings of one line one to one: most matches within the window, then the smallest time differences."""
-    pairs = _match(true, found, window_s, same=True)
+    pairs = _match(true, counted, window_s, same=True)
     rest_true = [event for place, event in enumerate(true) if place not in pairs[:, 0]]
-    rest_found = [event for place, event in enumerate(found) if place not in pairs[:, 1]]
+    rest_found = [event for place, event in enumerate(counted) if place not in pairs[:, 1]]
     turned = _match(rest_true, rest_found, window_s, same=False)
-    late_s = np.array([found[b].timestamp_s - true[a].timestamp_s for a, b in pairs])
+    late_s = np.array([counted[b].timestamp_s - true[a].timestamp_s for a, b in pairs])
     true_ways = Counter(event.direction for event in true)
-    found_ways = Counter(event.direction for event in found)
+    found_ways = Counter(event.direction for event in counted)
     matched = len(pairs)
     wrong = len(rest_true) + len(rest_found)
     return CrossingScores(
@@ -314,9 +324,9 @@ def crossing_scores(true: Sequence[Event], found: Sequence[Event], window_s: flo
         found_right_to_left=found_ways["right_to_left"],
         matched=matched,
         wrong_direction=len(turned),
-        accuracy=_share(len(true) - abs(len(found) - len(true)), len(true)),
+        accuracy=_share(len(true) - abs(len(counted) - len(true)), len(true)),
         strict_accuracy=_share(len(true) - wrong, len(true)),
-        precision=_share(matched, len(found)),
+        precision=_share(matched, len(counted)),
         recall=_share(matched, len(true)),
         timing_mean_s=float(late_s.mean()) if matched else None,
         timing_std_s=float(late_s.std()) if matched else None,
@@ -328,9 +338,9 @@ def _share(part: int, whole: int) -> float | None:
     return max(0.0, part / whole) if whole else None
 
 
-def occupancy_groups(true: I64, found: I64) -> list[OccupancyGroup]:
-    """Table 4 of two (N,) series: how often the number is right and by how much it is off, by the true number."""
-    difference = (found - true).astype(np.float64)
+def occupancy_groups(true: I64, counted: I64) -> list[OccupancyGroup]:
+    """Table 4 of two (N,) series: share of right numbers and their errors, by the true number."""
+    difference = (counted - true).astype(np.float64)
     groups = []
     for name, low, high in PEOPLE_GROUPS:
         chosen = difference[(true >= low) & (true <= high)]
@@ -344,10 +354,10 @@ def occupancy_groups(true: I64, found: I64) -> list[OccupancyGroup]:
     return groups
 
 
-def _match(true: Sequence[Event], found: Sequence[Event], window_s: float, *, same: bool) -> I64:
+def _match(true: Sequence[Event], counted: Sequence[Event], window_s: float, *, same: bool) -> I64:
     """(K, 2) indices of matches of the same, or of opposite, directions."""
     true_s, true_way = _times_and_ways(true)
-    found_s, found_way = _times_and_ways(found)
+    found_s, found_way = _times_and_ways(counted)
     apart_s = np.abs(found_s - true_s[:, None])
     is_alike = found_way == true_way[:, None]
     rows, cols = np.nonzero((apart_s <= window_s) & (is_alike == same))

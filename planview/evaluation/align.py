@@ -20,6 +20,7 @@ from planview.evaluation.metrics import (
     build_sequence,
     floor_similarity,
 )
+from planview.evaluation.places import with_places
 from planview.trajectories.table import Trajectories, rows_by_id
 
 C128 = np.ndarray[Any, np.dtype[np.complex128]]
@@ -140,12 +141,15 @@ def _can_fit(source: C128, target: C128) -> bool:
 
 def _pairs_to_lay(tracks: Trajectories, truth: Trajectories) -> Iterator[tuple[I64, I64]]:
     """Rows of the truth and of the tracks that may belong together."""
-    has_boxes = [np.isfinite(table.box_px).all(axis=1).any() for table in (tracks, truth)]
-    if all(has_boxes):
+    if len(with_places(tracks, on_floor=False)) and len(with_places(truth, on_floor=False)):
         t, k = _matches(truth, tracks, box_similarity).T
-        known = np.isfinite(complex_places(truth)[t] + complex_places(tracks)[k])
-        if _can_fit(complex_places(tracks)[k[known]], complex_places(truth)[t[known]]):
-            yield t[known], k[known]
+        true_places = complex_places(truth)
+        track_places = complex_places(tracks)
+        has_both = np.isfinite(true_places[t] + track_places[k])
+        t = t[has_both]
+        k = k[has_both]
+        if _can_fit(track_places[k], true_places[t]):
+            yield t, k
     yield from paths_to_lay(truth, tracks)
 
 

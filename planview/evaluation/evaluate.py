@@ -65,7 +65,7 @@ the sway of a walker cancels."""
 
 
 class EvaluationParams(Params):
-    """What counts as a match and which rows count."""
+    """Rules for what counts as a match and which rows count."""
 
     gate_m: float = Field(0.5, gt=0, le=10)
     """Largest floor distance of a match [m]. A torso's width (Harville's W_avg, 0.4 m) and a margin."""
@@ -202,9 +202,9 @@ def _strangers(sequence: Sequence, clear: ClearScores, tracks: Trajectories, fra
 
 
 def _median(values: F64) -> float:
-    """Median of the known values; NaN without any."""
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else math.nan
+    """Median of the finite values; NaN without any."""
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if len(finite) else math.nan
 
 
 def _comparable(

@@ -36,9 +36,9 @@ class WalkedPath:
 
     def at(self, ticks: F64, disparity_px: float = 0.0) -> F64:
         """(N, 2) positions at fractional ticks, with all disparities larger by ``disparity_px``; NaN outside."""
-        known = np.arange(self.first, self.end)
+        own_ticks = np.arange(self.first, self.end)
         values = self.xy_m + disparity_px * self.per_px_m
-        return np.column_stack([np.interp(ticks, known, column, left=np.nan, right=np.nan) for column in values.T])
+        return np.column_stack([np.interp(ticks, own_ticks, column, left=np.nan, right=np.nan) for column in values.T])
 
 
 def sample_path(times_s: F64, xy_m: F64) -> tuple[int, F64]:
@@ -81,7 +81,7 @@ class RigAlignment:
 
     @property
     def position_std_m(self) -> float:
-        """Of the place in the floor where people meet, the larger of both axes."""
+        """Deviation of the place on the floor where people meet, of the larger of both axes."""
         return max(self.std[1:3])
 
     @property
@@ -93,7 +93,7 @@ Paths = Sequence[WalkedPath]
 
 
 def same_height(path: WalkedPath, other: WalkedPath) -> bool:
-    """Whether two paths may be of one person; also where a height is not known."""
+    """True if two paths may be of one person; also where a height is not known."""
     return not abs(path.height_m - other.height_m) > HEIGHT_M
 
 

@@ -160,7 +160,7 @@ def run(engine: Engine, spec: RunSpec, watches: Sequence[Watch] = ()) -> RunInfo
         info = job.end(finished=True)
         if spec.report:
             write_report(folder)
-        if note := job.unreached():
+        if note := job.far_rule_note():
             warnings.warn(note, stacklevel=2)
         return refine_held_run(folder)[1] if spec.refine else info
 
@@ -310,9 +310,9 @@ class _Run:
             resume.remove_checkpoint(self._folder)
         return info
 
-    def unreached(self) -> str:
+    def far_rule_note(self) -> str:
         """A sentence on rules where nobody was; empty without any."""
-        return "" if self._analytics is None else self._analytics.rules.unreached(RunFolder(self._folder).tracks)
+        return "" if self._analytics is None else self._analytics.rules.far_rule_note(RunFolder(self._folder).tracks)
 
     def _information(self, state: str) -> RunInfo:
         """run.json as it is now."""

@@ -131,7 +131,7 @@ def test_rules_that_no_track_comes_near_are_doubted():
     tracks = positions_table(np.arange(50), np.ones(50), np.column_stack([np.zeros(50), np.linspace(1, 9, 50)]))
     for scale, doubted in ((1.0, False), (100.0, True)):
         rule = {"name": "w", "from_m": [-3.0 * scale, 5.0 * scale], "to_m": [3.0 * scale, 5.0 * scale]}
-        note = parse_rules({"tripwire": [rule]}, RulePlane(), "r").unreached(tracks)
+        note = parse_rules({"tripwire": [rule]}, RulePlane(), "r").far_rule_note(tracks)
         assert (
             note
             == "r: no track comes within 491 m of rule 'w': another unit, swapped axes, or another origin" * doubted
