@@ -207,6 +207,11 @@ class StereoPair:
         """Where the calibration came from, for messages and run.json."""
         return self.rig.source
 
+    @property
+    def lengths_m(self) -> dict[str, float]:
+        """Lengths of the calibration [m]."""
+        return {"baseline_m": self.rig.baseline_m}
+
     def shot(self, left: AnyArray, right: AnyArray) -> Shot:
         """Of the images as decoded: both in colour, where one is."""
         return (left, right) if left.ndim == right.ndim else (as_colour(left), as_colour(right))
@@ -240,6 +245,7 @@ class DepthCamera:
     holds: ClassVar[tuple[type, ...]] = (np.uint8, np.float32)
     floor_share_doubted: ClassVar = 0.2
     """Depth along the ray leaves 0.1 to 0.17 of a floor that holds 0.25 (on two rooms)."""
+    lengths_m: ClassVar[dict[str, float]] = {}
 
     @property
     def identity(self) -> list[Any]:
@@ -323,6 +329,11 @@ class Recording(Generic[Sensor]):
     def parts(self) -> tuple[Recording[Sensor], ...]:
         """A recording of each sensor: itself."""
         return (self,)
+
+    @property
+    def identity(self) -> list[Any]:
+        """What decides results besides the images: cameras and times."""
+        return [*cast(RecordedBy, self.sensor).identity, self.times_s]
 
     @property
     def fps(self) -> float:

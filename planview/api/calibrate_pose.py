@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from calib.errors import InputError, WorkError
-from calib.floor_camera import FloorPinhole
 from calib.ground_camera import LENS_K_320, save_ground_camera
 from calib.images import write_image
 from calib.io import parse_size
 from calib.people.calibration import HumanCalibration, calibrate_from_people
 from calib.people.model import KnownValues
 from calib.people.samples import read_image_size, read_samples, refuse_bad_samples, write_samples
+from calib.pose import SE3
 from calib.rig import Floor
 from calib.world import load_world, save_world
 from planview.api.arguments import Settings, in_range, one_of, path_of, settings
@@ -117,11 +117,11 @@ def _floor_of_run(recording: Recording[StereoPair | DepthCamera], tracks: Path) 
     world = tracks.with_name("world.toml")
     if world.is_file():
         return load_world(world)
-    camera = RunFolder(tracks.parent).camera
-    if not isinstance(camera, FloorPinhole):
+    floor = RunFolder(tracks.parent).info.floor
+    if floor is None or floor.world_SE3_left is None:
         run = tracks.with_name("run.json")
         raise InputError(f"{run}: no run.json or world.toml gives the floor of that run")
-    return Floor(camera.world_SE3_camera)
+    return Floor(SE3.from_matrix(floor.world_SE3_left))
 
 
 def _floor_text(floor: Floor) -> str:

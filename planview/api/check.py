@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import singledispatch
 from pathlib import Path
 
 from calib.errors import InputError
@@ -83,7 +84,7 @@ def check(
     diagnosis = examine(path, options, frames=frames, person_height_m=height_m, search=search)
     checks = diagnosis.checks
     values = [check.to_json() for check in checks]
-    correction = _correction(diagnosis, path_of(corrected_rig))
+    correction = _correction(diagnosis.seen, path_of(corrected_rig))
     ok = not any(check.failed for check in checks)
     return Result(
         checks,
@@ -103,15 +104,21 @@ def _write_pictures(diagnosis: Diagnosis, folder: Path) -> list[Path]:
     return files
 
 
-def _correction(diagnosis: Diagnosis, file: Path | None) -> str:
+@singledispatch
+def _correction(seen: object, file: Path | None) -> str:
     """The correction of the calibration by the recording, in words, written to the file; empty where it fits."""
-    pair = diagnosis.seen if isinstance(diagnosis.seen, PairFrames) else None
-    if pair is None or not pair.correction.is_applied.any():
+    return ""
+
+
+@_correction.register
+def _correction_of_pair(seen: PairFrames, file: Path | None) -> str:
+    correction = seen.correction
+    if not correction.is_applied.any():
         return ""
     if file is not None:
-        rig = pair.correction(pair.plain.rig)
-        save_rig(replace(rig, source=f"{rig.source}, {pair.correction}"), file)
-    return str(pair.correction)
+        rig = correction(seen.plain.rig)
+        save_rig(replace(rig, source=f"{rig.source}, {correction}"), file)
+    return str(correction)
 
 
 def verdict(checks: Sequence[Check]) -> list[str]:

@@ -16,7 +16,6 @@ from stereo.readers import OpenOptions, find_layout
 from stereo.readers.base import AnyRecording, Layout, Reader
 from stereo.readers.images import Stream
 from stereo.readers.open import is_multi_rig, rigs_file
-from stereo.recording import StereoPair
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,15 +133,13 @@ def _calibration(recording: AnyRecording) -> dict[str, Any]:
     sensor = recording.sensor
     camera = sensor.camera
     halves = (camera.width / (2.0 * camera.fx), camera.height / (2.0 * camera.fy))
-    values = {
+    return {
         "source": sensor.source,
         "focal_px": camera.fx,
         "fov_deg": [math.degrees(2.0 * math.atan(half)) for half in halves],  # of the pinhole without its distortion
         "lens": camera.model if camera.distortion and any(camera.distortion) else "none",
+        **sensor.lengths_m,
     }
-    if isinstance(sensor, StereoPair):
-        values["baseline_m"] = sensor.rig.baseline_m
-    return values
 
 
 def _camera(stream: Stream, nominal_fps: float | None) -> dict[str, Any]:

@@ -112,6 +112,9 @@ class Trackable(Protocol):
     @property
     def is_live(self) -> bool: ...
 
+    @property
+    def identity(self) -> Sequence[Any]: ...
+
     def __iter__(self) -> Iterator[Frame[Any]]: ...
 
 

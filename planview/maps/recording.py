@@ -92,11 +92,6 @@ class RecordedViews(NamedTuple):
     rig: FloorRig
     config: str
 
-    @property
-    def identity(self) -> list[Any]:
-        """What decides depth besides the points: nothing."""
-        return []
-
 
 class MapsRecording:
     """A plan-view recording: iterate it for frames of ``RecordedPoints``.
@@ -109,6 +104,7 @@ class MapsRecording:
 
     name = ""
     is_live = False
+    identity = ()
 
     def __init__(self, path: Path) -> None:
         """Read all but the points. Raises InputError: no such file, not a plan-view recording, cut short, damaged, or

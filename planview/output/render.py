@@ -7,9 +7,10 @@ import warnings
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import singledispatch
 from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import cv2
 import numpy as np
@@ -26,7 +27,6 @@ from planview.drawing.plan import PlanBounds, PlanPainter
 from planview.engine.config import Config
 from planview.engine.open import open_source
 from planview.engine.setup import set_up
-from planview.maps.recording import MapsRecording
 from planview.output.folder import writing
 from planview.output.run_folder import RunFolder
 from planview.progress import Progress, unseen
@@ -34,8 +34,8 @@ from stereo.depth import median_image, point_cloud
 from stereo.floor import setup_frames
 from stereo.readers import OpenOptions, holds_pair, open_any
 from stereo.readers.open import SeveralSensors
-from stereo.recording import DepthCamera, Frame, Recording, Shot, SingleCamera
-from stereo.rectify import Rectifier
+from stereo.recording import DepthCamera, Frame, Recording, Shot, SingleCamera, StereoPair
+from stereo.rectify import Rectifier, RectifyParams
 from stereo.rgbd import RgbdRectifier
 
 if TYPE_CHECKING:
@@ -254,16 +254,31 @@ def open_frames(run: RunFolder) -> SceneFrames:
     rig = run.info.rig
     is_one_camera = rig is None or (rig.baseline_m is None and rig.depth_sensor is None)
     recording = open_source(path, run.options, is_one_camera)
-    if isinstance(recording, MapsRecording):
-        raise InputError(f"{path}: expected a recording with images, found plan-view maps")
     sensor = recording.parts[0].sensor
-    if isinstance(sensor, SingleCamera):
-        return SceneFrames(recording, lambda shot: shot[0])
-    if isinstance(sensor, DepthCamera):
-        rectifier = RgbdRectifier(sensor.camera, sensor.technology, run.config.rectify)
-        return SceneFrames(recording, lambda shot: rectifier(*shot)[0])
-    pair = Rectifier(sensor.rig, run.config.rectify)
-    return SceneFrames(recording, lambda shot: pair(*shot).image)
+    return SceneFrames(cast(Recording[Any], recording), picture_of(sensor, path, run.config.rectify))
+
+
+@singledispatch
+def picture_of(sensor: object, path: Path, params: RectifyParams) -> Callable[[Shot], U8]:
+    """Makes the picture of a shot in whose pixels boxes are. Raises InputError: shots without images."""
+    raise InputError(f"{path}: expected a recording with images, found plan-view maps")
+
+
+@picture_of.register
+def _picture_of_one(sensor: SingleCamera, path: Path, params: RectifyParams) -> Callable[[Shot], U8]:
+    return lambda shot: shot[0]
+
+
+@picture_of.register
+def _picture_of_depth(sensor: DepthCamera, path: Path, params: RectifyParams) -> Callable[[Shot], U8]:
+    rectifier = RgbdRectifier(sensor.camera, sensor.technology, params)
+    return lambda shot: rectifier(*shot)[0]
+
+
+@picture_of.register
+def _picture_of_pair(sensor: StereoPair, path: Path, params: RectifyParams) -> Callable[[Shot], U8]:
+    rectifier = Rectifier(sensor.rig, params)
+    return lambda shot: rectifier(*shot).image
 
 
 def frames_or_none(run: RunFolder, warn: Callable[[str], object]) -> SceneFrames | None:

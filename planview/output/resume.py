@@ -106,12 +106,6 @@ def library_versions() -> dict[str, str]:
     return versions
 
 
-def calibration_key(recording: Any) -> str:
-    """Digest of what a recording was opened with, besides its images: cameras and times of every sensor, by number."""
-    parts = [[*part.sensor.identity, getattr(part, "times_s", None)] for part in recording.parts]
-    return digest_of([parts, getattr(recording, "starts_s", ())])
-
-
 def digest_of(values: object) -> str:
     """Digest of plain values, arrays, and lists, mappings and dataclasses of these."""
     return key_of(_canonical(values))

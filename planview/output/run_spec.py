@@ -120,7 +120,7 @@ class RunSpec:
         identity["version"] = resume.library_versions() | {"planview": resume.code_version()}
         identity["recording"] |= {
             "images": resume.content_key(recording.path, recording.files),
-            "calibration": resume.calibration_key(recording),
+            "calibration": resume.digest_of(recording.identity),
             "frames": recording.n_frames,
         }
         identity["settings"] |= {"rules": "", "logs": sorted(self.log_names)}

@@ -7,6 +7,7 @@ from collections.abc import Generator, Iterator, Sequence
 from contextlib import ExitStack, closing, suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from calib.errors import InputError
 from calib.io import entries, missing, refuse_unreadable
@@ -235,6 +236,11 @@ class SeveralSensors:
 
     def __repr__(self) -> str:
         return f"SeveralSensors({str(self.path)!r}, {len(self.parts)} sensors, {self.n_frames} frames)"
+
+    @property
+    def identity(self) -> list[Any]:
+        """What decides results besides the images: cameras and times of every sensor."""
+        return [[part.identity for part in self.parts], self.starts_s]
 
     @property
     def files(self) -> list[Path]:

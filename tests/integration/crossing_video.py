@@ -23,6 +23,7 @@ class CrossingVideo:
     notes: tuple[str, ...] = ()
     options, is_live = OpenOptions(), False
     files: tuple[Path, ...] = ()
+    identity = ()
 
     @property
     def parts(self) -> tuple["CrossingVideo"]:
