@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -12,6 +13,7 @@ import cv2
 import numpy as np
 
 from benchmarks.options import Report, Row, benchmark, progress, tables
+from calib.doubt import Finding
 from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import AnyArray
@@ -21,7 +23,7 @@ from planview.synthetic.assets import DEMO
 from stereo.doctor.diagnose import diagnose, diagnose_colours, diagnose_fields, place_of_depth
 from stereo.doctor.hypotheses import REGISTER
 from stereo.readers import open_any
-from stereo.recording import Decoded, DepthCamera, Recording, StereoPair
+from stereo.recording import Decoded, DepthCamera, Frame, Recording, Shot, StereoPair
 from stereo.rectify import Rectifier, rectified_rig
 from stereo.thumbnails import Thumbnails
 
@@ -123,7 +125,7 @@ def rectified(rig: StereoRig) -> Callable[[AnyArray, AnyArray], tuple[AnyArray, 
 def depth_faults(sensor: DepthCamera) -> list[Fault]:
     """Each fault of images with depth under the name that it should get."""
     camera = sensor.depth_camera or sensor.camera
-    units = sensor.depth_units.units_per_m if sensor.depth_units else 1.0
+    units = sensor.depth_units.units_per_m
     rows, columns = np.indices(camera.size[::-1])
     rays = camera.unproject(np.column_stack([columns.ravel(), rows.ravel()]))
     ray = np.linalg.norm(rays, axis=1).reshape(rows.shape)
@@ -163,18 +165,11 @@ def depth_faults(sensor: DepthCamera) -> list[Fault]:
 def stored(recording: Recording[Any]) -> Read:
     """Reads frames of a recording by ascending indices, with depth as it is stored, and keeps them for all faults."""
     kept = dict[int, tuple[Decoded, Decoded]]()
-    units = getattr(recording.sensor, "depth_units", None)
 
     def read(indices: Sequence[int]) -> list[tuple[Decoded, Decoded]]:
-        before = units is not None and units.as_stored
-        try:
-            if units:
-                units.as_stored = True
-            missing = sorted({*indices} - {*kept})
+        missing = sorted({*indices} - {*kept})
+        with KINDS[type(recording.sensor)].raw(recording.sensor):
             kept.update((first.index, (first, second)) for first, second in recording.decode(missing))
-        finally:
-            if units:
-                units.as_stored = before
         return [kept[index] for index in indices]
 
     return read
@@ -183,7 +178,7 @@ def stored(recording: Recording[Any]) -> Read:
 def faulty(recording: Recording[Any], fault: Fault, read: Read) -> Recording[Any]:
     """The recording with the fault in it; ``read`` gives its frames (see ``stored``)."""
     sensor = fault.sensor(recording.sensor) if fault.sensor else recording.sensor
-    units = getattr(sensor, "depth_units", None)
+    kind = KINDS[type(sensor)]
     last = recording.n_frames - 1 - fault.late
 
     def decode(indices: Sequence[int] | None) -> Generator[tuple[Decoded, Decoded], None, None]:
@@ -199,9 +194,7 @@ def faulty(recording: Recording[Any], fault: Fault, read: Read) -> Recording[Any
                 second = _woven(now.image, second)
             first, second = fault.images(first, second) if fault.images else (first, second)
             first = np.ascontiguousarray(first)
-            second = np.ascontiguousarray(second)
-            if units is not None:
-                second = units(second)
+            second = kind.read(np.ascontiguousarray(second), sensor)
             yield replace(a, image=first), replace(now, image=second)
 
     return Recording(recording.path, cast(Any, decode), last + 1, recording.clock, [], sensor)
@@ -211,23 +204,69 @@ def named(recording: Recording[Any], consecutive: bool) -> str:
     """What the doctor names in a recording; empty where nothing."""
     spread = recording.sample(8)
     first = max(0, (recording.n_frames - FRAMES) // 2)
-    if isinstance(recording.sensor, StereoPair):
-        finding = diagnose_colours(spread) or diagnose_fields(spread) or diagnose(recording)
-    else:
-        place = place_of_depth(spread).finding
-        offset = place if place and place.hypothesis.remedy == REGISTER else None  # a warning: where there is a floor
-        finding = (None if offset else place) or diagnose(recording) or offset
+    kind = KINDS[type(recording.sensor)]
+    finding = kind.finding(recording, spread)
     if finding or not consecutive:
         return finding.names if finding else ""
     run = recording.at(list(range(first, min(first + FRAMES, recording.n_frames))))
-    if isinstance(recording.sensor, StereoPair):
-        watch = MotionWatch()
-        rectifier = Rectifier(recording.sensor.rig)
-        for pair in (rectifier(*frame.images) for frame in run):
-            watch.update(Thumbnails.of_pair(pair.left_grey, pair.right_grey))
-        late = any(check.name == "synchronisation" and not check.ok for check in watch.checks())
-        return NOT_SYNCHRONOUS if late else ""
-    return "depth and its image are not of one time" if delay_of(run).apart else ""
+    return kind.late if kind.is_late(recording.sensor, run) else ""
+
+
+def _pair_finding(recording: Recording[Any], spread: Sequence[Frame[Shot]]) -> Finding | None:
+    return diagnose_colours(spread) or diagnose_fields(spread) or diagnose(recording)
+
+
+def _depth_finding(recording: Recording[Any], spread: Sequence[Frame[Shot]]) -> Finding | None:
+    place = place_of_depth(spread).finding
+    offset = place if place and place.hypothesis.remedy == REGISTER else None  # a warning: where there is a floor
+    return (None if offset else place) or diagnose(recording) or offset
+
+
+def _is_pair_late(sensor: StereoPair, run: Sequence[Frame[Shot]]) -> bool:
+    watch = MotionWatch()
+    rectifier = Rectifier(sensor.rig)
+    for pair in (rectifier(*frame.images) for frame in run):
+        watch.update(Thumbnails.of_pair(pair.left_grey, pair.right_grey))
+    return any(check.name == "synchronisation" and not check.ok for check in watch.checks())
+
+
+class Kind(NamedTuple):
+    """What is done with a kind of recording.
+
+    Attributes:
+        faults: of a healthy sensor.
+        finding: what the doctor explains in a recording, by frames spread over it.
+        late, is_late: the name of a delay between its images, and whether there is one in consecutive frames.
+        raw, read: read second images as they are stored meanwhile, and one of them.
+    """
+
+    faults: Callable[[Any], list[Fault]]
+    finding: Callable[[Recording[Any], Sequence[Frame[Shot]]], Finding | None]
+    late: str
+    is_late: Callable[[Any, Sequence[Frame[Shot]]], bool]
+    raw: Callable[[Any], AbstractContextManager[None]]
+    read: Callable[[AnyArray, Any], AnyArray]
+
+
+KINDS: dict[type, Kind] = {
+    StereoPair: Kind(
+        lambda sensor: pair_faults(sensor.rig),
+        _pair_finding,
+        NOT_SYNCHRONOUS,
+        _is_pair_late,
+        lambda sensor: nullcontext(),
+        lambda image, sensor: image,
+    ),
+    DepthCamera: Kind(
+        depth_faults,
+        _depth_finding,
+        "depth and its image are not of one time",
+        lambda sensor, run: delay_of(run).apart,
+        lambda sensor: sensor.depth_units.raw(),
+        lambda stored, sensor: sensor.depth_units(stored),
+    ),
+}
+"""By what recorded it, what is done with a recording."""
 
 
 @benchmark
@@ -256,9 +295,8 @@ def _named_faults(path: Path, part: str) -> Iterator[Row]:
     recording = open_any(path)
     read = stored(recording)
     sensor = recording.sensor
-    faults = pair_faults(sensor.rig) if isinstance(sensor, StereoPair) else depth_faults(sensor)
-    is_grey = isinstance(sensor, StereoPair) and all(image.ndim == 2 for image in recording.sample(1)[0].images)
-    for fault in faults:
+    is_grey = all(image.ndim == 2 for image in recording.sample(1)[0].images)
+    for fault in KINDS[type(sensor)].faults(sensor):
         if part not in fault.name or (is_grey and fault.name == OTHER_COLOURS):
             continue
         shown = fault.name or "as recorded"

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple, TypeVar, cast, overload
@@ -51,6 +52,16 @@ class Depths:
 
     def prepare(self, first: AnyArray) -> None:
         """Depth has no colour."""
+
+    @contextmanager
+    def raw(self) -> Iterator[None]:
+        """Give values as they are stored meanwhile."""
+        before = self.as_stored
+        self.as_stored = True
+        try:
+            yield
+        finally:
+            self.as_stored = before
 
     def __call__(self, stored: AnyArray) -> AnyArray:
         return stored if self.as_stored else metres(stored, self.units_per_m)
@@ -192,18 +203,6 @@ class Depth:
     thumbnails: Callable[[], Thumbnails]
     picture: Callable[[], U8]
     matched: Matched | None = None
-
-    @staticmethod
-    def of_pair(
-        image: U8,
-        disparity: F32,
-        step: int,
-        greys: tuple[U8, U8],
-        picture: Callable[[], U8],
-        matched: Matched | None = None,
-    ) -> Depth:
-        """Of the samples of a pair, whose rectified (H, W) images are ``greys``."""
-        return Depth(image, disparity, step, greys, partial(Thumbnails.of_pair, *greys), picture, matched)
 
     @staticmethod
     def of_whole(image: U8, disparity: F32, step: int) -> Depth:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from functools import cached_property, partial, singledispatch
+from functools import cached_property, partial
 from typing import Any
 
 import cv2
@@ -69,6 +69,7 @@ class PairFrames:
     """Frames spread over a stereo recording, rectified by its calibration as they correct it.
 
     Attributes:
+        sensor: what recorded them.
         frames: as recorded.
         rectifier: of the corrected calibration.
         correction: of the calibration, in pixels of the rectifier's images.
@@ -78,16 +79,16 @@ class PairFrames:
 
     def __init__(
         self,
-        rig: StereoRig,
+        sensor: StereoPair,
         frames: Sequence[Frame[Shot]],
         search: FloorSearch | None = None,
         view: SpreadView = ONE_VIEW,
     ) -> None:
         self.frames = frames
         self.view = view
-        self._rig = rig
+        self.sensor = sensor
         self._search = search or FloorSearch()
-        self.rectifier, self.correction = aligned_rectifier(rig, frames, self._search.rectify)
+        self.rectifier, self.correction = aligned_rectifier(sensor.rig, frames, self._search.rectify)
         geometry = self.rectifier.geometry
         self.searched = disparity_range(geometry, self._search.range)
         masks = self.rectifier.mask, self.rectifier.right_mask
@@ -96,12 +97,12 @@ class PairFrames:
     @property
     def rig(self) -> StereoRig:
         """The corrected calibration."""
-        return self.correction(self._rig)
+        return self.correction(self.sensor.rig)
 
     @cached_property
     def plain(self) -> Rectifier:
         """The rectifier of the calibration as it is."""
-        return Rectifier(self._rig, self._search.rectify)
+        return Rectifier(self.sensor.rig, self._search.rectify)
 
     @cached_property
     def matches(self) -> F64:
@@ -150,11 +151,6 @@ class PairFrames:
         """(H, W) float32 depth [m] of each, NaN where unknown."""
         return [self.rectifier.geometry.depth(disparity) for disparity in self.disparities]
 
-    @property
-    def recorded(self) -> list[Shot]:
-        """The images of each as cameras took them."""
-        return [frame.images for frame in self.frames]
-
     def thumbnails(self, frame: Frame[Shot]) -> Thumbnails:
         """What shows whether all stands still in another frame."""
         pair = self.rectifier(*frame.images)
@@ -188,6 +184,7 @@ class DepthFrames:
     def __init__(
         self, sensor: DepthCamera, frames: Sequence[Frame[Shot]], search: FloorSearch, view: SpreadView
     ) -> None:
+        self.sensor = sensor
         self.frames = frames
         self.view = view
         self._search = search
@@ -225,11 +222,6 @@ class DepthFrames:
         """(H, W) float32 depth [m] of each, NaN where unknown."""
         return [depth_m for _, depth_m in self.rectified]
 
-    @property
-    def recorded(self) -> list[Shot]:
-        """The image of each as the camera took it."""
-        return [frame.images[:1] for frame in self.frames]
-
     def thumbnails(self, frame: Frame[Shot]) -> Thumbnails:
         """What shows whether all stands still in another frame."""
         image, depth_m = self.rectifier(*frame.images)
@@ -246,29 +238,17 @@ class DepthFrames:
         return floor_in(self.depths, geometry, self._search.floor, BLIND_SENSOR, align)
 
 
+FRAMES: dict[type, Callable[..., PairFrames | DepthFrames]] = {StereoPair: PairFrames, DepthCamera: DepthFrames}
+"""By what recorded them, frames to measure a floor in."""
+
+
 def spread_frames(
     recording: Recording[StereoPair | DepthCamera], search: FloorSearch | None = None
 ) -> PairFrames | DepthFrames:
     """Frames spread over a recording, in which its floor is measured. Raises WorkError: none can be used."""
     search = search or FloorSearch()
     frames, view = frames_of_one_view(recording, search.frames)
-    return _frames_of(recording.sensor, frames, search, view)
-
-
-@singledispatch
-def _frames_of(
-    sensor: StereoPair | DepthCamera, frames: list[Frame[Shot]], search: FloorSearch, view: SpreadView
-) -> PairFrames | DepthFrames:
-    """Frames of a sensor to measure a floor in."""
-    raise NotImplementedError
-
-
-@_frames_of.register
-def _pair_frames(sensor: StereoPair, frames: list[Frame[Shot]], search: FloorSearch, view: SpreadView) -> PairFrames:
-    return PairFrames(sensor.rig, frames, search, view)
-
-
-_frames_of.register(DepthCamera, DepthFrames)
+    return FRAMES[type(recording.sensor)](recording.sensor, frames, search, view)
 
 
 def of_like_light(images: Sequence[U8]) -> Bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -13,6 +14,7 @@ from stereo.matcher import BODY_LAG, DisparityRange, Matcher, SgbmMatcher, SgbmP
 from stereo.recording import DepthCamera, Shot, StereoPair, refuse_foreign_shot
 from stereo.rectify import Rectifier
 from stereo.rgbd import RgbdRectifier
+from stereo.thumbnails import Thumbnails
 
 Record = Callable[[str], object]
 """Takes the name of a stage that has ended."""
@@ -53,7 +55,8 @@ class PairMeasure:
             matched = self._sgbm.matched(*greys, last)
             # A copy, for the matcher may give its own again: 10 us, and callers may write into what they are given.
             disparity = matched.disparity.copy()
-            depth = Depth.of_pair(pair.image, disparity, self._step, greys, pair.picture, matched)
+            thumbnails = partial(Thumbnails.of_pair, *greys)
+            depth = Depth(pair.image, disparity, self._step, greys, thumbnails, pair.picture, matched)
         else:
             pair = self._rectifier(left, right)
             record("rectify")
@@ -62,7 +65,7 @@ class PairMeasure:
             refuse_foreign_disparity(disparity, self._rectifier.geometry.size[::-1], self._searched)
             image = sample_means(pair.image, self._step)
             samples = sample_disparities(disparity, self._step)
-            depth = Depth.of_pair(image, samples, self._step, greys, pair.picture)
+            depth = Depth(image, samples, self._step, greys, partial(Thumbnails.of_pair, *greys), pair.picture)
         record("match")
         return depth
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Generic, NamedTuple, TypeVar, cast
 
@@ -230,7 +231,7 @@ class DepthCamera:
         technology: how depth is measured.
         registration: moves depth into the pixels of the image.
         world_SE3_left: of the image's camera, from ``world.toml``, else None (the floor is then found).
-        depth_units: of depth as it is stored, also of frames read later; None where its metres are known.
+        depth_units: of depth as it is stored, also of frames read later.
         depth_camera: of depth as it is stored; None where it lies in the image's pixels.
     """
 
@@ -239,7 +240,7 @@ class DepthCamera:
     technology: DepthTechnology
     registration: Callable[[F32], F32]
     world_SE3_left: SE3 | None = None
-    depth_units: Depths | None = None
+    depth_units: Depths = field(default_factory=partial(Depths, 1.0))
     depth_camera: Camera | None = None
     sides: ClassVar = ("image: ", "depth: ")
     holds: ClassVar[tuple[type, ...]] = (np.uint8, np.float32)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import singledispatch
 from pathlib import Path
 from typing import Any
 
@@ -136,7 +135,7 @@ def _examine_depth(
         *_time_checks(recording, seen.view, run, frames, search),
         *spread_checks(seen.view),
         *still_checks(seen, run),
-        *_checks_of_kind(seen, run),
+        *CHECKS[type(seen)](seen, run),
     ]
     given = recording.sensor.world_SE3_left
     if given is not None and floor is not None:
@@ -148,20 +147,11 @@ def _examine_depth(
     return Diagnosis(tuple(checks), seen, floor)
 
 
-@singledispatch
-def _checks_of_kind(seen: PairFrames | DepthFrames, run: Sequence[Frame[Shot]]) -> list[Check]:
-    """Checks of the images, and of how the two images of a shot lie on each other."""
-    raise NotImplementedError
-
-
-@_checks_of_kind.register
-def _checks_of_pair(seen: PairFrames, run: Sequence[Frame[Shot]]) -> list[Check]:
-    return [*image_checks(seen.frames), _flicker_of_run(run), *alignment_checks(seen)]
-
-
-@_checks_of_kind.register
-def _checks_of_depth(seen: DepthFrames, run: Sequence[Frame[Shot]]) -> list[Check]:
-    return [*_checks_of_images(seen.frames, run), *registration_checks(seen.frames, run)]
+CHECKS: dict[type, Callable[[Any, Sequence[Frame[Shot]]], list[Check]]] = {
+    PairFrames: lambda seen, run: [*image_checks(seen.frames), _flicker_of_run(run), *alignment_checks(seen)],
+    DepthFrames: lambda seen, run: [*_checks_of_images(seen.frames, run), *registration_checks(seen.frames, run)],
+}
+"""By the frames looked at, checks of the images, and of how the two images of a shot lie on each other."""
 
 
 def _checks_of_images(spread: Sequence[Frame[Shot]], run: Sequence[Frame[Shot]]) -> list[Check]:

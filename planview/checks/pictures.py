@@ -34,10 +34,11 @@ def write_pictures(seen: PairFrames | DepthFrames, floor: Floor | None, folder: 
     """
     folder.mkdir(parents=True, exist_ok=True)
     middle = len(seen.frames) // 2
+    recorded = seen.sensor.images(seen.frames[middle].images)
     pictures = {
         "disparity.png": _disparity_picture(seen, middle),
         "floor.png": floor_picture(seen, floor),
-        "exposure.png": np.hstack([_exposure_picture(as_grey(image)) for image in seen.recorded[middle]]),
+        "exposure.png": np.hstack([_exposure_picture(as_grey(image)) for image in recorded]),
         **row_pictures(seen, middle),
     }
     for name, picture in pictures.items():

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import singledispatch
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, cast, get_args
+from typing import Any, Literal, cast, get_args
 
 from numpy.typing import ArrayLike
 
@@ -113,82 +113,49 @@ def engine_of(
     """
     first = recording.parts[0].sensor
     config = config or _default_config(first, recording.path)
-    parts = _Parts(camera, matcher, detections, setup, study)
     if matcher is not None and not all(isinstance(part.sensor, StereoPair) for part in recording.parts):
         raise InputError(f"{recording.path}: a matcher of your own needs a recording of stereo pairs alone")
     if setup is not None and len(recording.parts) > 1:
         raise InputError(f"{recording.path}: a setup is of one sensor, and this recording has {len(recording.parts)}")
-    return _engine_of(first, recording, tracker, config, parts)
-
-
-class _Parts(NamedTuple):
-    """What an engine is made of besides a recording, its tracker and the configuration (see ``engine_of``)."""
-
-    camera: Path | GroundCamera | None
-    matcher: Matcher | None
-    detections: Path | str | Sequence[ArrayLike] | None
-    setup: Setup | None
-    study: bool
-
-
-@singledispatch
-def _engine_of(first: object, recording: AnySource, tracker: AnyTracker, config: Config, parts: _Parts) -> Engine:
-    """An engine for sensors with depth, by the kind of the first."""
-    if parts.detections is not None:
+    name: str = tracker if isinstance(tracker, str) else ""
+    own_parts: dict[str, object] = {} if name else {"tracker": tracker}
+    if isinstance(first, SingleCamera):
+        ground_camera = load_one_camera(camera, first.size) if isinstance(camera, Path) else camera
+        if detections is not None:
+            follower: ImageTracker = _box_tracker(recording.n_frames, first, detections, config, ground_camera)
+            name = "detections"
+            own_parts = {"detections": detections}
+        else:
+            follower = _image_tracker(_that_fits(tracker, "image", recording), config, ground_camera)
+        refuse_untimed(recording)
+        sensor = CameraSensor(config.single_camera, first.size, follower, ground_camera)
+        source = camera.name if isinstance(camera, Path) else "given"
+        engine = Engine(recording, config, [sensor], follower, source, name, own_parts)
+        if study:
+            engine.study(max(1, round(recording.fps / OVERVIEW_HZ)))
+        return engine
+    if detections is not None:
         problem = f"{recording.path} is no video of one camera, and boxes are tracked in one image"
         raise InputError(problem, argument="detections")
     floor_tracker = _floor_tracker(_that_fits(tracker, "maps", recording), config)
-    sensors = []
-    for part in recording.parts:
-        refuse_untimed(part)
-        sensors.append(_sensor_above_floor(part.sensor, part, config, parts))
-    own_parts = _own_tracker(tracker)
-    matcher = parts.matcher if parts.setup is None else parts.setup.matcher
+    sensors = [_sensor_above_floor(part.sensor, part, config, matcher, setup) for part in recording.parts]
+    matcher = setup.matcher if setup is not None else matcher
     if matcher is not None:
         own_parts["matcher"] = matcher
-    return Engine(recording, config, sensors, floor_tracker, tracker_name=_name(tracker), own_parts=own_parts)
-
-
-@_engine_of.register
-def _engine_of_camera(
-    first: SingleCamera, recording: Recording[SingleCamera], tracker: AnyTracker, config: Config, parts: _Parts
-) -> Engine:
-    camera = parts.camera
-    ground_camera = load_one_camera(camera, first.size) if isinstance(camera, Path) else camera
-    if parts.detections is None:
-        follower = _image_tracker(_that_fits(tracker, "image", recording), config, ground_camera)
-        name = _name(tracker)
-        own_parts = _own_tracker(tracker)
-    else:
-        follower = _box_tracker(recording.n_frames, first, parts.detections, config, ground_camera)
-        name = "detections"
-        own_parts = {"detections": parts.detections}
-    refuse_untimed(recording)
-    sensor = CameraSensor(config.single_camera, first.size, follower, ground_camera)
-    source = camera.name if isinstance(camera, Path) else "given"
-    engine = Engine(recording, config, [sensor], follower, source, name, own_parts)
-    if parts.study:
-        engine.study(max(1, round(recording.fps / OVERVIEW_HZ)))
-    return engine
-
-
-def _name(tracker: AnyTracker) -> str:
-    """Name of a tracker; empty for one's own."""
-    return tracker if isinstance(tracker, str) else ""
-
-
-def _own_tracker(tracker: AnyTracker) -> dict[str, object]:
-    return {} if isinstance(tracker, str) else {"tracker": tracker}
+    return Engine(recording, config, sensors, floor_tracker, tracker_name=name, own_parts=own_parts)
 
 
 @singledispatch
-def _sensor_above_floor(sensor: object, part: Any, config: Config, parts: _Parts) -> DepthSensor[Any, Any]:
+def _sensor_above_floor(
+    sensor: object, part: Any, config: Config, matcher: Matcher | None, setup: Setup | None
+) -> DepthSensor[Any, Any]:
     """What recorded a part of a recording, made ready: a pair or a depth camera."""
-    return RigSensor(parts.setup or set_up(part, config, parts.matcher), config, part.name)
+    refuse_untimed(part)
+    return RigSensor(setup or set_up(part, config, matcher), config, part.name)
 
 
 @_sensor_above_floor.register
-def _recorded_sensor(sensor: RecordedViews, part: MapsRecording, config: Config, parts: _Parts) -> RecordedSensor:
+def _recorded_sensor(sensor: RecordedViews, part: MapsRecording, config: Config, *_: object) -> RecordedSensor:
     """Raises InputError: a parameter that decided which points were recorded differs, or maps of another rig."""
     path = part.path
     recorded = _recorded_config(sensor, path)

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import singledispatch
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -71,17 +69,9 @@ def set_up(
         WorkError: no usable frame, left and right swapped, hardly any disparity or depth, or no floor visible.
     """
     seen = spread_frames(recording, floor_search(config))
-    return _set_up(seen, recording, config, matcher)
+    return SETUPS[type(seen)](seen, recording, config, matcher)
 
 
-@singledispatch
-def _set_up(
-    seen: PairFrames | DepthFrames, recording: Recording[Any], config: Config, matcher: Matcher | None
-) -> Setup:
-    raise NotImplementedError
-
-
-@_set_up.register
 def _set_up_pair(seen: PairFrames, recording: Recording[StereoPair], config: Config, matcher: Matcher | None) -> Setup:
     light = image_checks(seen.frames)
     search = floor_search(config)
@@ -114,10 +104,7 @@ def _explained(
     return WorkError(f"{recording.path}: {'; '.join([*reasons, str(error)])}", in_pictures=True)
 
 
-@_set_up.register
-def _set_up_depth(
-    seen: DepthFrames, recording: Recording[DepthCamera], config: Config, _matcher: Matcher | None
-) -> Setup:
+def _set_up_depth(seen: DepthFrames, recording: Recording[DepthCamera], config: Config, *_: object) -> Setup:
     sensor = recording.sensor
     try:
         floor, source = _floor_of(recording, seen, config)
@@ -134,6 +121,10 @@ def _set_up_depth(
         technology=sensor.technology, viewpoints=seen.viewpoints,
         checks=tuple(checks), measure=DepthMeasure(seen.rectifier, step),
     )  # fmt: skip
+
+
+SETUPS: dict[type, Callable[..., Setup]] = {PairFrames: _set_up_pair, DepthFrames: _set_up_depth}
+"""By the frames that were looked at, what makes a recording ready."""
 
 
 def _floor_of(

@@ -4,16 +4,15 @@ a person's height above it, depth whose edges are the image's. Nothing is decide
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
-from functools import singledispatch
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from calib.doubt import Finding, Hypothesis, Score, best, shortlist
 from calib.types import F32, U8, AnyArray
-from stereo.depth import Depths, metres
+from stereo.depth import metres
 from stereo.doctor.hypotheses import (
     BASELINES,
     COLOURS,
@@ -60,19 +59,13 @@ HIDDEN_FLOOR = -2.5
 def diagnose(recording: Recording[StereoPair | DepthCamera], search: FloorSearch | None = None) -> Finding | None:
     """The hypothesis that explains a recording whose rows, floor or people are not what they should be; None where none
     does."""
-    return _diagnose(recording.sensor, recording, search or FloorSearch())
+    return DIAGNOSES[type(recording.sensor)](recording, search or FloorSearch())
 
 
-@singledispatch
-def _diagnose(sensor: StereoPair | DepthCamera, recording: Recording[Any], search: FloorSearch) -> Finding | None:
-    raise NotImplementedError
-
-
-@_diagnose.register
-def _diagnose_pair(sensor: StereoPair, recording: Recording[StereoPair], search: FloorSearch) -> Finding | None:
+def diagnose_pair(recording: Recording[StereoPair], search: FloorSearch) -> Finding | None:
     """The hypothesis under which the rows of pairs fit, or else their floor, and do not as recorded."""
     shots = [(frame.images[0], frame.images[1]) for frame in recording.sample(SPREAD_FRAMES)]
-    pairs = Pairs(sensor.rig, shots)
+    pairs = Pairs(recording.sensor.rig, shots)
     is_aligned = pairs.aligned >= LEAST_ALIGNED
     tried = PAIRS if is_aligned else (*PAIRS, *RAW_PAIRS)
     likely = shortlist(pairs.first(FIRST_FRAMES), tried, rows_score, ENDED**ROWS_WEIGHT)
@@ -92,10 +85,16 @@ def _diagnose_pair(sensor: StereoPair, recording: Recording[StereoPair], search:
     return _by_floor(pairs.scene, (*BASELINES, *MOUNTS), search)
 
 
-@_diagnose.register
-def _diagnose_depth(sensor: DepthCamera, recording: Recording[DepthCamera], search: FloorSearch) -> Finding | None:
+def diagnose_depth(recording: Recording[DepthCamera], search: FloorSearch) -> Finding | None:
     """The hypothesis under which depth shows a floor, or a better one than as recorded."""
     return _by_floor(stored_scene(recording), (*DEPTHS, *MOUNTS), search)
+
+
+DIAGNOSES: dict[type, Callable[[Any, FloorSearch], Finding | None]] = {
+    StereoPair: diagnose_pair,
+    DepthCamera: diagnose_depth,
+}
+"""By what recorded it, what explains a recording."""
 
 
 def diagnose_colours(frames: Sequence[Frame[Shot]]) -> Finding | None:
@@ -161,26 +160,21 @@ def stored_scene(recording: Recording[DepthCamera]) -> DepthScene:
     def rectified(image: U8, depth_m: F32) -> F32:
         return rectifier(image, sensor.registration(depth_m))[1]
 
-    is_whole = sensor.depth_units is not None and all(np.issubdtype(depth.dtype, np.integer) for depth in values)
-    units_per_m = sensor.depth_units.units_per_m if sensor.depth_units and is_whole else 1.0
+    is_whole = all(np.issubdtype(depth.dtype, np.integer) for depth in values)
+    units_per_m = sensor.depth_units.units_per_m if is_whole else 1.0
     stored = StoredDepth(images, values, units_per_m, ray, rectified)
     return DepthScene((), rectifier.geometry, stored).read(lambda values, stored: metres(values, stored.units_per_m))
 
 
 def _stored_frames(recording: Recording[DepthCamera]) -> tuple[list[U8], list[AnyArray]]:
     """Images and depth of frames spread over a recording: as stored, or metres where the sensor measures these."""
-    units = recording.sensor.depth_units or Depths()
     count = min(SPREAD_FRAMES, recording.n_frames)
     spread = np.unique(np.linspace(0, recording.n_frames - 1, count).round())
     images: list[U8] = []
     depths: list[AnyArray] = []
-    units.as_stored = True
-    try:
-        with closing(recording.decode([int(index) for index in spread])) as decoded:
-            for image, depth in decoded:
-                if image.image is not None and depth.image is not None:
-                    images.append(image.image)
-                    depths.append(depth.image)
-    finally:
-        units.as_stored = False
+    with recording.sensor.depth_units.raw(), closing(recording.decode([*map(int, spread)])) as decoded:
+        for image, depth in decoded:
+            if image.image is not None and depth.image is not None:
+                images.append(image.image)
+                depths.append(depth.image)
     return images, depths

@@ -8,7 +8,7 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol, cast
 
 import numpy as np
 
@@ -182,10 +182,10 @@ def rgbd_layout(
             own.append(f"depth of {size_text(depth)} without a calibration of its own counts as registered")
             found = replace(found, depth_camera=found.camera.scaled(*depth))
         technology = found.technology or TECHNOLOGY_OF_SIZE.get(depth, "structured-light")
-        if isinstance(depths.pixels, Depths) and found.units_per_m is not None:
-            depths.pixels.units_per_m = found.units_per_m
+        units = cast(Depths, depths.pixels)
+        if found.units_per_m is not None:
+            units.units_per_m = found.units_per_m
         folder = path if path.is_dir() else path.parent
-        units = depths.pixels if isinstance(depths.pixels, Depths) else None
         registration = DepthRegistration(found)
         pose = world_pose(folder)
         sensor = DepthCamera(found.camera, found.source, technology, registration, pose, units, found.depth_camera)

@@ -164,7 +164,7 @@ def test_middlebury_is_matched_better_than_by_plain_sgbm(shared_data: Path, scen
 def test_overhead_pair_is_corrected_by_its_own_matches(shared_data: Path) -> None:
     recording = open_recording(shared_data / "overhead-stereo")
     frames = setup_frames(recording)
-    pairs = PairFrames(recording.sensor.rig, frames)
+    pairs = PairFrames(recording.sensor, frames)
     found = pairs.correction
     assert np.degrees(found.angles[2]) == pytest.approx(0.158, abs=0.02)  # see the recording's README
     assert list(found.is_applied) == [True, False, True]  # yaw cannot be printed
