@@ -227,6 +227,9 @@ def _expected(name: str, cell: str) -> str:
 class Trajectories:
     """Rows of a tracks or truth file, as columns of equal length (N,), sorted by frame then id.
 
+    Its length is the number of rows; iterating gives each as a named tuple of the columns of tracks.csv, as pandas'
+    ``itertuples`` does: ``for row in tracks: row.frame, row.id, row.x_m``.
+
     Attributes:
         frame, track_id: int64.
         timestamp_s, x_m, y_m, height_m: float64, NaN where unknown.
@@ -268,6 +271,9 @@ class Trajectories:
     def __len__(self) -> int:
         return len(self.frame)
 
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self.to_dataframe().itertuples(index=False, name="Row"))
+
     def where(self, keep: Bool | I64) -> Trajectories:
         """The rows where a (N,) mask is true, or those of (M,) indices in that order; itself where all are kept."""
         if keep.dtype == np.bool_ and keep.all():
@@ -279,7 +285,7 @@ class Trajectories:
         return f"Trajectories({len(self)} rows of {len(people_of(self))} people{span})"
 
     def _repr_html_(self) -> str:
-        return str(self.where(np.arange(min(5, len(self)))).to_dataframe().to_html())
+        return str(self.to_dataframe().head().to_html())
 
     @staticmethod
     def from_dataframe(frame: DataFrame) -> Trajectories:
@@ -292,12 +298,12 @@ class Trajectories:
         """A pandas DataFrame with the columns of ``tracks.csv`` (``TRACK_COLUMNS``), a row per person and frame."""
         import pandas
 
-        columns: dict[str, Any] = {"frame": self.frame, "timestamp_s": self.timestamp_s, "id": self.track_id}
-        columns |= {"x_m": self.x_m, "y_m": self.y_m, "height_m": self.height_m}
+        columns: dict[str, Any] = {"id": self.track_id, "state": pandas.Series(self.state, dtype="str")}
+        columns |= {
+            name: getattr(self, name) for name in ("frame", "timestamp_s", "x_m", "y_m", "height_m", *LAST_COLUMNS)
+        }
         columns |= zip(("vx_mps", "vy_mps"), self.velocity_mps.T, strict=True)
         columns |= zip(BOX_COLUMNS, self.box_px.T, strict=True)
-        columns |= {name: getattr(self, name) for name in LAST_COLUMNS}
-        columns["state"] = pandas.Series(self.state, dtype="str")
         table = pandas.DataFrame(columns, columns=list(TRACK_COLUMNS))
         table.attrs = {name: getattr(self, name) for name in WHOLE_FIELDS}
         return table

@@ -46,6 +46,12 @@ def test_nothing_collected_is_an_empty_table() -> None:
     assert (empty.box_px.shape, empty.velocity_mps.shape, empty.x_m.shape) == ((0, 4), (0, 2), (0,))
 
 
+def test_a_table_iterates_over_its_rows() -> None:
+    table = positions_table(np.array([3, 4]), np.array([7, 7]), np.array([[1.0, 2.0], [1.5, 2.0]]))
+    assert [(row.frame, row.id, row.x_m) for row in table] == [(3, 7, 1.0), (4, 7, 1.5)]
+    assert len([*table]) == len(table)
+
+
 def test_collected_tracks_are_those_of_a_round_trip_through_the_file(tmp_path: Path) -> None:
     first = TrackState(9, "lost", 1 / 3, -0.00001, 0.25, 2 / 3, 1.71234, (10.05, -0.5, 20.25, 31.96), -90.0)
     second = TrackState(7, "tentative", 1.00005, 2.0)
