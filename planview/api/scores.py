@@ -11,8 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from calib.errors import InputError
 from calib.formats.one_camera import load_one_camera
 from calib.io import missing, reason, require_file
@@ -21,8 +19,7 @@ from planview.counting import rules as rules_files
 from planview.counting.events import Event, read_events, write_event_header, write_event_rows
 from planview.counting.rules import AnalyticsParams, RulePlane, Rules, stereo_plane
 from planview.counting.totals import count_tracks, count_truth, score_counts, score_events
-from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
-from planview.evaluation.misfit import misfit
+from planview.evaluation.evaluate import EvaluationParams, evaluate_named
 from planview.evaluation.result import Evaluation, pool
 from planview.output.folder import folder_lock, unfinished_note, write_result
 from planview.output.run_folder import RunFolder
@@ -108,7 +105,9 @@ def evaluate(
         raise InputError("expected a truth for tracks that are not those of a run's folder, found None")
     if isinstance(truth, Path | str):
         truth = load_truth(truth_file(Path(truth)) or Path(truth))
-    return _scored(rows if run is None else run.tracks, table_of(truth), params, span, ("the tracks", "the truth"))
+    return evaluate_named(
+        rows if run is None else run.tracks, table_of(truth), params, span, ("the tracks", "the truth")
+    )
 
 
 def truth_of(tracks: Path) -> Path:
@@ -138,48 +137,7 @@ def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, in
         refuse_outside(tracks.box_px, size, str(pair.tracks))
         refuse_outside(truth.box_px, size, str(pair.truth))
     _note(_unfinished(pair.tracks))
-    return _scored(tracks, truth, params, span, (str(pair.tracks), str(pair.truth)))
-
-
-def _scored(
-    tracks: Trajectories,
-    truth: Trajectories,
-    params: EvaluationParams,
-    span: tuple[int, int] | None,
-    names: tuple[str, str],
-) -> Evaluation:
-    """Scores, with notes on what of truth and tracks does not fit together; ``names`` of the tracks and the truth.
-    Raises InputError: tables without a common frame, or without what they are matched on."""
-    if len(tracks) and len(truth):
-        first = int(tracks.frame.min())
-        last = int(tracks.frame.max())
-        begin = int(truth.frame.min())
-        end = int(truth.frame.max())
-        if begin > last or end < first:
-            expected = f"expected truth of the frames {first} to {last} of {names[0]}, found {begin} to {end}"
-            cause = misfit(truth, tracks, params.match_on == "floor")
-            raise InputError(f"{names[1]}: {expected}" + (f"; {cause}" if cause else ""))
-    try:
-        result = evaluate_tracks(tracks, truth, params, span)
-    except InputError as error:
-        raise error.about(f"{names[0]} and {names[1]}") from error
-    _note("" if span else _beyond(tracks, truth), f"{names[1]}: {result.doubts}" if result.doubts else "")
-    return result
-
-
-def _beyond(tracks: Trajectories, truth: Trajectories) -> str:
-    """A sentence on truth outside of the frames that were tracked; empty without any."""
-    if tracks.tracked is not None:
-        first, last = tracks.tracked
-        remedy = "are left out"
-        place = f"outside of the frames {first} to {last} that were tracked"
-    else:
-        first = 0
-        last = int(tracks.frame.max(initial=0))
-        remedy = f"count as misses, unless the frames are limited to 0:{last}"
-        place = f"after the last track (frame {last})"
-    beyond = np.count_nonzero((truth.frame < first) | (truth.frame > last))
-    return f"{beyond} truth rows lie {place} and {remedy}" if beyond else ""
+    return evaluate_named(tracks, truth, params, span, (str(pair.tracks), str(pair.truth)))
 
 
 def _note(*notes: str) -> None:

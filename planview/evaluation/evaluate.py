@@ -39,6 +39,7 @@ from planview.evaluation.significant import (
     strict_identity_changes,
 )
 from planview.trajectories.ends import track_numbers
+from planview.trajectories.file import warn_of
 from planview.trajectories.state import SURE_FACING
 from planview.trajectories.table import (
     IGNORED,
@@ -110,6 +111,48 @@ def evaluate_tracks(
     else:
         result = _score(scored_tracks, scored_truth, params, last - first + 1)
     return replace(result, cause=_cause(scored_tracks, truth, params, result))
+
+
+def evaluate_named(
+    tracks: Trajectories,
+    truth: Trajectories,
+    params: EvaluationParams,
+    span: tuple[int, int] | None,
+    names: tuple[str, str],
+) -> Evaluation:
+    """Score tracks against truth (``evaluate_tracks``), and warn of what does not fit together; ``names`` of the tracks
+    and the truth. Raises InputError: tables without a common frame, or without what they are matched on."""
+    if len(tracks) and len(truth):
+        first = int(tracks.frame.min())
+        last = int(tracks.frame.max())
+        begin = int(truth.frame.min())
+        end = int(truth.frame.max())
+        if begin > last or end < first:
+            expected = f"expected truth of the frames {first} to {last} of {names[0]}, found {begin} to {end}"
+            cause = misfit(truth, tracks, params.match_on == "floor")
+            raise InputError(f"{names[1]}: {expected}" + (f"; {cause}" if cause else ""))
+    try:
+        result = evaluate_tracks(tracks, truth, params, span)
+    except InputError as error:
+        raise error.about(f"{names[0]} and {names[1]}") from error
+    warn_of("" if span else _beyond(tracks, truth))
+    warn_of(result.doubts and f"{names[1]}: {result.doubts}")
+    return result
+
+
+def _beyond(tracks: Trajectories, truth: Trajectories) -> str:
+    """A sentence on truth outside of the frames that were tracked; empty without any."""
+    if tracks.tracked is not None:
+        first, last = tracks.tracked
+        remedy = "are left out"
+        place = f"outside of the frames {first} to {last} that were tracked"
+    else:
+        first = 0
+        last = int(tracks.frame.max(initial=0))
+        remedy = f"count as misses, unless the frames are limited to 0:{last}"
+        place = f"after the last track (frame {last})"
+    beyond = np.count_nonzero((truth.frame < first) | (truth.frame > last))
+    return f"{beyond} truth rows lie {place} and {remedy}" if beyond else ""
 
 
 def _frames_with_rows(tracks: Trajectories, truth: Trajectories) -> tuple[int, int]:
