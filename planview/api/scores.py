@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import os
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from calib.errors import InputError
 from calib.formats.one_camera import load_one_camera
-from calib.io import missing, reason, require_file
+from calib.io import expecting, missing, require_file
 from planview.api.arguments import Frames, checked, frame_span, path_of, read_or_given, table_of
 from planview.counting import rules as rules_files
 from planview.counting.events import Event, read_events, write_event_header, write_event_rows
@@ -25,7 +24,7 @@ from planview.output.folder import folder_lock, unfinished_note, write_result
 from planview.output.run_folder import RunFolder
 from planview.trajectories.boxes import refuse_outside
 from planview.trajectories.clock import Clock
-from planview.trajectories.file import TrajectoryFile, limit
+from planview.trajectories.file import TrajectoryFile, limit, warn_of
 from planview.trajectories.formats import (
     FilePair,
     file_pairs,
@@ -136,18 +135,8 @@ def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, in
     if params.match_on == "boxes" and size is not None:
         refuse_outside(tracks.box_px, size, str(pair.tracks))
         refuse_outside(truth.box_px, size, str(pair.truth))
-    _note(_unfinished(pair.tracks))
+    warn_of(unfinished_note(pair.tracks))
     return evaluate_named(tracks, truth, params, span, (str(pair.tracks), str(pair.truth)))
-
-
-def _note(*notes: str) -> None:
-    for note in filter(None, notes):
-        warnings.warn(note, stacklevel=3)
-
-
-def _unfinished(tracks: Path) -> str:
-    note = unfinished_note(tracks)
-    return note and f"{note} (resuming the run finishes it)"
 
 
 _DEFAULTS = AnalyticsParams()
@@ -216,7 +205,8 @@ def count(
     clock = Clock(file.table, fps or (run.info.fps if run else None))
     plane = _plane(path_of(camera), path_of(rig), run or None)
     placed = rules if isinstance(rules, Rules) else rules_files.load_rules(Path(rules), plane)
-    _note((path and _unfinished(path)) or "", placed.unknown_size_note, placed.far_rule_note(found))
+    for doubt in (unfinished_note(path) if path else "", placed.unknown_size_note, placed.far_rule_note(found)):
+        warn_of(doubt)
     n_frames = run.n_frames if run else int(file.table.frame.max(initial=-1)) + 1
     counts = count_tracks(found, placed, params, clock=clock, n_frames=n_frames)
     counts = replace(counts, span=run.span) if run else counts
@@ -259,7 +249,7 @@ def _write_counts(tracks: Path | None, folder: Path | None, events: Sequence[Eve
     """Write events.csv and counts.json to a folder, else next to our own tracks; never into a folder of input data."""
     if folder is None:
         if tracks is None or tracks.name != "tracks.csv" or not os.access(tracks.parent, os.W_OK):
-            _note("no events.csv and counts.json written: no folder was given for them")
+            warn_of("no events.csv and counts.json written: no folder was given for them")
             return
         folder = tracks.parent
     files = [file for file in (folder / "events.csv", folder / "counts.json") if file.exists()]
@@ -270,7 +260,7 @@ def _write_counts(tracks: Path | None, folder: Path | None, events: Sequence[Eve
         write_result(folder / "events.csv", rows.getvalue())
         write_result(folder / "counts.json", json.dumps(result, indent=2) + "\n")
     if files:
-        _note(f"replaced {' and '.join(map(str, files))}")
+        warn_of(f"replaced {' and '.join(map(str, files))}")
 
 
 def _plane(camera: Path | None, rig: Path | None, run: RunFolder | None) -> RulePlane:
@@ -285,8 +275,5 @@ def _plane(camera: Path | None, rig: Path | None, run: RunFolder | None) -> Rule
 
 def _is_events(path: Path) -> bool:
     require_file(path, "truth or events")
-    try:
-        with path.open("rb") as file:
-            return b"rule" in file.readline(10_000).strip().split(b",")
-    except OSError as error:
-        raise InputError(f"{path}: expected truth or events, found {reason(error)}") from error
+    with expecting(path, "truth or events", OSError), path.open("rb") as file:
+        return b"rule" in file.readline(10_000).strip().split(b",")

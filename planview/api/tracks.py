@@ -21,6 +21,7 @@ from planview.trajectories.formats import FORMATS, ExportName, load_file, prepar
 from planview.trajectories.layouts import stream_jsonl
 from planview.trajectories.rows import METRES
 from planview.trajectories.table import Trajectories, people_of
+from stereo.readers import OpenOptions
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -193,14 +194,7 @@ def export(
     """
     source = Path(tracks) if isinstance(tracks, Path | str) else None
     if cloud is not None and to is None and source is not None:
-        from planview.output.render import scene_of, write_cloud  # the engine's parts take half a second
-
-        path = Path(cloud)
-        _refuse_existing(path, source, overwrite)
-        log.debug("opening the recording, finding the floor, matching")
-        points = write_cloud(path, scene_of(source, opening(calibration)))
-        text = f"{path}: {points:,} points [m], origin on the floor below the camera, z up"
-        return Result(path, text, {"file": str(path), "points": points}, files=[path])
+        return _export_cloud(source, Path(cloud), opening(calibration), overwrite)
     if to is None or cloud is not None:
         raise InputError(f"expected a format ({', '.join(FORMATS)}), or a file for the cloud of a run", argument="to")
     one_of("to", to, FORMATS)
@@ -236,6 +230,16 @@ def export(
     _refuse_existing(path, file, overwrite)
     write_file(path, written, to, unit)
     return exported
+
+
+def _export_cloud(source: Path, path: Path, options: OpenOptions, overwrite: bool) -> Result[Path]:
+    from planview.output.render import scene_of, write_cloud  # the engine's parts take half a second
+
+    _refuse_existing(path, source, overwrite)
+    log.debug("opening the recording, finding the floor, matching")
+    points = write_cloud(path, scene_of(source, options))
+    text = f"{path}: {points:,} points [m], origin on the floor below the camera, z up"
+    return Result(path, text, {"file": str(path), "points": points}, files=[path])
 
 
 def _refuse_existing(out: Path, source: Path | None, overwrite: bool) -> None:

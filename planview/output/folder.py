@@ -138,7 +138,7 @@ def unfinished_note(tracks: Path) -> str:
     if info.finished or not info.started_at:
         return ""
     how = "is still running or was killed" if info.state == "running" else "was interrupted"
-    return f"{tracks}: the run {how}: only the frames tracked so far are used"
+    return f"{tracks}: the run {how}: only the frames tracked so far are used (resuming the run finishes it)"
 
 
 Model = TypeVar("Model", bound=BaseModel)
