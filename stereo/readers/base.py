@@ -147,13 +147,13 @@ def stereo_layout(
     return Layout("stereo", streams, pairs.n_frames, clock, remarks, pairs.unpaired, opened)
 
 
+_TIME_OF_FLIGHT = ((512, 424), (640, 576), (320, 288), (512, 512), (1024, 1024), (1024, 768))
+"""Sizes of depth of Kinect 2, Azure Kinect and RealSense L515."""
+_STEREO = ((848, 480), (1280, 720), (480, 270), (1280, 800), (640, 400))
+"""Sizes of depth of RealSense D400 and OAK-D."""
 TECHNOLOGY_OF_SIZE: dict[Size, DepthTechnology] = {
-    **dict.fromkeys(
-        [(512, 424), (640, 576), (320, 288), (512, 512), (1024, 1024)], "time-of-flight"
-    ),  # Kinect 2, Azure
-    (1024, 768): "time-of-flight",  # RealSense L515
-    **dict.fromkeys([(848, 480), (1280, 720), (480, 270)], "stereo"),  # RealSense D400
-    **dict.fromkeys([(1280, 800), (640, 400)], "stereo"),  # OAK-D
+    **dict.fromkeys(_TIME_OF_FLIGHT, "time-of-flight"),
+    **dict.fromkeys(_STEREO, "stereo"),
 }
 """Sizes of depth images that only one kind of sensor has; all others count as structured light, 640x480 and 320x240
 being those of Kinect, Xtion and Astra."""
@@ -175,21 +175,25 @@ def rgbd_layout(
     def opened() -> Recording[DepthCamera]:
         from stereo.rgbd import DepthRegistration  # its kernels: only images with depth need numba here
 
-        found = rig()
+        calibrated = rig()
         depth = depths.size
-        own = list(remarks)
-        if found.depth_camera is None and images.size != depth:
-            own.append(f"depth of {size_text(depth)} without a calibration of its own counts as registered")
-            found = replace(found, depth_camera=found.camera.scaled(*depth))
-        technology = found.technology or TECHNOLOGY_OF_SIZE.get(depth, "structured-light")
+        said = list(remarks)
+        if calibrated.depth_camera is None and images.size != depth:
+            said.append(f"depth of {size_text(depth)} without a calibration of its own counts as registered")
+            calibrated = replace(calibrated, depth_camera=calibrated.camera.scaled(*depth))
         units = cast(Depths, depths.pixels)
-        if found.units_per_m is not None:
-            units.units_per_m = found.units_per_m
-        folder = path if path.is_dir() else path.parent
-        registration = DepthRegistration(found)
-        pose = world_pose(folder)
-        sensor = DepthCamera(found.camera, found.source, technology, registration, pose, units, found.depth_camera)
-        return Recording(path, together(images, depths), images.n_frames, clock, own, sensor)
+        if calibrated.units_per_m is not None:
+            units.units_per_m = calibrated.units_per_m
+        sensor = DepthCamera(
+            calibrated.camera,
+            calibrated.source,
+            calibrated.technology or TECHNOLOGY_OF_SIZE.get(depth, "structured-light"),
+            DepthRegistration(calibrated),
+            world_pose(path if path.is_dir() else path.parent),
+            units,
+            calibrated.depth_camera,
+        )
+        return Recording(path, together(images, depths), images.n_frames, clock, said, sensor)
 
     return Layout("rgbd", streams, images.n_frames, clock, remarks, unpaired, opened)
 
@@ -318,16 +322,24 @@ def images_layout(
     sides = []
     for name, files, own_s in (("left", left, times_s[0]), ("right", right, times_s[1])):
         images = images_of(files, Colour(bits))
-        count = sum(file is not None for file in files) if own_s is None else len(own_s)
-        sides.append((images, images.stream(name, count, clock.times_s if own_s is None else own_s)))
+        if own_s is None:
+            stream = images.stream(name, len(files) - files.count(None), clock.times_s)
+        else:
+            stream = images.stream(name, len(own_s), own_s)
+        sides.append((images, stream))
     (a, first), (b, second) = sides
-    places = [next(file for file in files if file) for files in (left, right)]
-    if places[0].parent != places[1].parent:
-        places = [file.parent for file in places]
-    size = same_size(a, b, places[0], places[1])
+    size = same_size(a, b, *_places_of(a.files[0], b.files[0]))
     unpaired = sum(None in pair for pair in zip(left, right, strict=True))
     pairs = FramePairs(together(a, b), len(left), unpaired)
-    return stereo_layout(path, pairs, (first, second), clock, partial(rig, size), (*notes, *bits_note(bits)), folder)
+    remarks = (*notes, *bits_note(bits))
+    return stereo_layout(path, pairs, (first, second), clock, partial(rig, size), remarks, folder)
+
+
+def _places_of(left: Path, right: Path) -> tuple[Path, Path]:
+    """What messages call two cameras, by an image of each: their folders, or the images where both lie in one."""
+    if left.parent == right.parent:
+        return left, right
+    return left.parent, right.parent
 
 
 def check_paired(pairs: TimePairs, path: Path) -> None:

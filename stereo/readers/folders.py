@@ -49,16 +49,17 @@ def in_folders(left: Path, right: Path) -> Sides:
 def sides_layout(path: Path, sides: Sides, folder: Path, options: OpenOptions) -> base.Layout:
     """Images of two cameras by the times in lists next to them or in their names, else, and where there is a
     timestamps.csv, by their names; that, calibration and world.toml lie in ``folder``."""
-    stamps = []
+    have_table = (folder / "timestamps.csv").is_file()
+    timed = []
     for at, files in zip(sides.folders, sides.files, strict=True):
         if not files:
             raise InputError(f"{at}: expected images of one camera, found {inside_text(at)}")
-        stamps.append(None if (folder / "timestamps.csv").is_file() else stamps_of(files, at, folder))
-    if stamps[0] and stamps[1]:
-        left = base.TimedFiles(sides.folders[0], sides.files[0], stamps[0].ns)
-        right = base.TimedFiles(sides.folders[1], sides.files[1], stamps[1].ns)
+        stamps = None if have_table else stamps_of(files, at, folder)
+        if stamps:
+            timed.append(base.TimedFiles(at, files, stamps.ns))
+    if len(timed) == 2:
         rig = partial(load_rig, options.calibration or folder)
-        return base.timed_layout(path, left, right, options, rig, (), folder)
+        return base.timed_layout(path, timed[0], timed[1], options, rig, (), folder)
     pairs = pair_files(*sides.files, sides.number)
     return files_layout(path, pairs, options, folder, numbering_note(pairs, sides.number))
 
@@ -123,14 +124,16 @@ def _colour_and_depth(path: Path) -> tuple[list[Path], list[Path]] | None:
     if len(colour) == 1 and len(depth) == 1:
         return image_files(colour[0]), image_files(depth[0])
     files = image_files(path)
-    of_depth = [file for file in files if _DEPTH.search(file.stem)]
-    suffixes = {file.suffix for file in files}
-    if not of_depth and len(suffixes) == 2:  # 0001.jpg and 0001.png
-        firsts = {file.suffix: file for file in reversed(files)}
-        deep = [suffix for suffix, file in firsts.items() if _is_deep(file)]
-        of_depth = [file for file in files if len(deep) == 1 and file.suffix == deep[0]]
+    of_depth = [file for file in files if _DEPTH.search(file.stem)] or _deep_files(files)
     of_colour = [file for file in files if file not in set(of_depth)]
     return (of_colour, of_depth) if of_colour and of_depth else None
+
+
+def _deep_files(files: Sequence[Path]) -> list[Path]:
+    """The images of the one kind of two, such as 0001.jpg and 0001.png, that has more than 8 bits; none elsewhere."""
+    firsts = {file.suffix: file for file in reversed(files)}
+    deep = [suffix for suffix, file in firsts.items() if _is_deep(file)] if len(firsts) == 2 else []
+    return [file for file in files if deep == [file.suffix]]
 
 
 def _is_deep(file: Path) -> bool:

@@ -75,20 +75,27 @@ class Common(NamedTuple):
 
 def common_corners(pairs: Iterable[tuple[U8, U8]]) -> Common:
     """Match corners between the two views of each pair."""
-    corners = matched = 0
-    for first, second in pairs:
-        width = min(first.shape[1], 320)
-        size = width, round(first.shape[0] * width / first.shape[1])
-        a = np.asarray(cv2.resize(as_grey(first), size, interpolation=cv2.INTER_AREA), np.uint8)
-        b = np.asarray(cv2.resize(as_grey(second), size, interpolation=cv2.INTER_AREA), np.uint8)
-        points = cv2.goodFeaturesToTrack(a, FEATURES, 0.01, 14.0)
-        corners += 0 if points is None else len(points)
-        reach = 0.3 * width  # largest disparity, each way
-        offsets = match_corners(a, b, reach, -reach, features=FEATURES, search_px=SEARCH_PX)[:, 3]
+    corners = 0
+    matched = 0
+    for pair in pairs:
+        first, second = (_thin_grey(view) for view in pair)
+        points = cv2.goodFeaturesToTrack(first, FEATURES, 0.01, 14.0)
+        if points is not None:
+            corners += len(points)
+        reach = 0.3 * first.shape[1]  # largest disparity, each way
+        offsets = match_corners(first, second, reach, -reach, features=FEATURES, search_px=SEARCH_PX)[:, 3]
         if len(offsets):
             # Matches of one pair of cameras lie about on one row offset [px of 320].
             matched += int(np.count_nonzero(np.abs(offsets - np.median(offsets)) <= 4.0))
     return Common(corners, matched)
+
+
+def _thin_grey(view: U8) -> U8:
+    """A view in grey, 320 px wide or less."""
+    height, width = view.shape[:2]
+    thin = min(width, 320)
+    size = thin, round(height * thin / width)
+    return np.asarray(cv2.resize(as_grey(view), size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def find_packing(pictures: Sequence[U8], aspect: float | None) -> tuple[Packing | None, Common]:

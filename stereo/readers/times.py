@@ -79,15 +79,20 @@ def _with_parts(seconds: I64, parts: Sequence[str | None], matches: Sequence[re.
     """Times of whole seconds and the numbers within them, which follow at once, else at the end of the name."""
     have_points = any(parts) and all(re.search(r"[.,]\d+$", match[0]) for match in matches)
     if not any(parts):
-        numbers = [re.findall(r"\d+", match.string[match.end() :]) for match in matches]
-        parts = [each[-1] if each else None for each in numbers]
+        parts = [_last_number(match.string[match.end() :]) for match in matches]
     if not any(parts):
-        return None if np.median(np.diff(np.sort(seconds))) <= 1 else Stamps(seconds * NS["s"], "s")
+        is_counter = np.median(np.diff(np.sort(seconds))) <= 1
+        return None if is_counter else Stamps(seconds * NS["s"], "s")
     decimals = within_seconds(seconds.tolist(), [part or "0" for part in parts], may_count=not have_points)
     if decimals is None:
         return None
     nanoseconds = np.array([int(part[:9].ljust(9, "0")) for part in decimals], dtype=np.int64)
     return Stamps(seconds * NS["s"] + nanoseconds, "s")
+
+
+def _last_number(text: str) -> str | None:
+    numbers = re.findall(r"\d+", text)
+    return numbers[-1] if numbers else None
 
 
 def _of_milliseconds(matches: Sequence[re.Match[str]]) -> Stamps | None:
@@ -96,13 +101,15 @@ def _of_milliseconds(matches: Sequence[re.Match[str]]) -> Stamps | None:
     if any(match[1].startswith("00") for match in matches):
         return None
     numbers: I64 = np.array([int(match[1]) for match in matches], dtype=np.int64)
-    steps = np.asarray(np.diff(np.sort(numbers)), dtype=np.int64)
+    steps: I64 = np.asarray(np.diff(np.sort(numbers)), dtype=np.int64)
+    if len(steps) < 5:
+        return None
     usual = float(np.median(steps))
     even = float(np.mean(np.abs(steps - usual) <= 0.1 * usual + 1))
-    if len(steps) < 5 or not 4 <= usual <= 2000 or even < 0.8:
-        return None
     is_counter = np.gcd.reduce(steps) >= 0.5 * steps.min()
-    return None if is_counter else Stamps(numbers * NS["ms"], "ms")
+    if is_counter or even < 0.8 or not 4 <= usual <= 2000:
+        return None
+    return Stamps(numbers * NS["ms"], "ms")
 
 
 LISTS = ("timestamps.txt", "times.txt", "timestamp.txt")
@@ -126,21 +133,22 @@ class Row(NamedTuple):
 def read_rows(path: Path, what: str) -> list[Row]:
     """The lines of a file that are neither empty nor a comment, cut into cells at commas, semicolons or tabs, else at
     blanks. Raises InputError: no text, or too large."""
-    lines = read_text(path, what, MAX_BYTES).split("\n")
-    numbered = [(number, line.strip()) for number, line in enumerate(lines, 1)]
-    numbered = [(number, line) for number, line in numbered if line and not line.startswith("#")]
-    first = numbered[0][1] if numbered else ""
-    between = next((mark for mark in "\t;," if mark in first), "")
-    rows = []
-    with expecting(path, what, csv.Error):
-        for number, line in numbered:
-            if between == ";":  # as spreadsheets write tables where the comma is the decimal point
-                line = line.replace(",", ".")
-            if between:
+    rows: list[Row] = []
+    between = ""
+    for number, line in enumerate(read_text(path, what, MAX_BYTES).split("\n"), 1):
+        line = line.strip()
+        if not line or line.startswith("#"):
+            continue
+        if not rows:
+            between = next((mark for mark in "\t;," if mark in line), "")
+        if between == ";":  # as spreadsheets write tables where the comma is the decimal point
+            line = line.replace(",", ".")
+        if between:
+            with expecting(path, what, csv.Error):
                 cells = next(csv.reader([line], delimiter=between, skipinitialspace=True))
-            else:
-                cells = _BLANK.sub("T", line).split()
-            rows.append(Row(number, [cell.strip() for cell in cells]))
+        else:
+            cells = _BLANK.sub("T", line).split()
+        rows.append(Row(number, [cell.strip() for cell in cells]))
     return rows
 
 
@@ -166,11 +174,17 @@ def timed_rows(path: Path) -> TimedRows:
     cells = [row.cells for row in rows]
     if cells and not is_time(cells[0][0]):
         return _table(path, [name.lower() for name in cells[0]], rows[1:])
+    firsts = [row[0] for row in cells]
     if _count_rows(cells):
-        return TimedRows(path, [int(row[0]) for row in cells], [row[1] for row in cells])
-    if all(len(row) == 2 and ":" in row[0] and row[1].isdecimal() for row in cells):
-        return TimedRows(path, None, [f"{row[0]}.{row[1]}" for row in cells])  # as Python writes milliseconds
-    return TimedRows(path, None, [row[0] for row in cells])
+        return TimedRows(path, [int(first) for first in firsts], [row[1] for row in cells])
+    if all(_holds_milliseconds(row) for row in cells):
+        return TimedRows(path, None, [".".join(row) for row in cells])
+    return TimedRows(path, None, firsts)
+
+
+def _holds_milliseconds(cells: Sequence[str]) -> bool:
+    """Whether cells are a date and its milliseconds, as Python's logs write them with a comma between."""
+    return len(cells) == 2 and ":" in cells[0] and cells[1].isdecimal()
 
 
 def _count_rows(rows: Sequence[Sequence[str]]) -> bool:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
-from itertools import repeat, takewhile
+from itertools import takewhile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -255,9 +255,12 @@ def _before_key_frame(path: Path) -> int:
     capture.set(cv2.CAP_PROP_FORMAT, -1)
     if code not in (b"h264", b"avc1", b"hevc", b"hev1", b"hvc1"):
         return 0
-    early = takewhile(lambda _: capture.grab() and not capture.get(cv2.CAP_PROP_LRF_HAS_KEY_FRAME), repeat(None))
-    lost = sum(1 for _ in early)
-    return lost if capture.get(cv2.CAP_PROP_LRF_HAS_KEY_FRAME) else 0
+    lost = 0
+    while capture.grab():
+        if capture.get(cv2.CAP_PROP_LRF_HAS_KEY_FRAME):
+            return lost
+        lost += 1
+    return 0
 
 
 def _by_time(left_s: F64, right_s: F64) -> TimePairs | None:
@@ -265,15 +268,20 @@ def _by_time(left_s: F64, right_s: F64) -> TimePairs | None:
     stay within half a period of each other, apart from times that waver. Elsewhere one video began later or lost
     frames, or the rates differ."""
     count = min(len(left_s), len(right_s))
-    if count < 3 or any((np.diff(times) <= 0).any() for times in (left_s, right_s)):
+    left_steps = np.diff(left_s)
+    right_steps = np.diff(right_s)
+    if count < 3 or (left_steps <= 0).any() or (right_steps <= 0).any():
         return None
     from scipy.ndimage import median_filter  # half a second, and only two videos with times need it
 
-    apart = np.abs(median_filter(left_s[:count] - right_s[:count], min(15, count), mode="nearest"))
-    if apart.max() <= 0.5 * float(np.median(np.diff(left_s))):
+    apart = median_filter(left_s[:count] - right_s[:count], min(15, count), mode="nearest")
+    if np.abs(apart).max() <= 0.5 * float(np.median(left_steps)):
         return None
-    pairs = pair_stamps((left_s * 1e9).astype(np.int64), (right_s * 1e9).astype(np.int64), one_clock=True)
-    return pairs if ((pairs.left >= 0) & (pairs.right >= 0)).any() else None
+    left_ns = (left_s * 1e9).astype(np.int64)
+    right_ns = (right_s * 1e9).astype(np.int64)
+    pairs = pair_stamps(left_ns, right_ns, one_clock=True)
+    have_both = (pairs.left >= 0) & (pairs.right >= 0)
+    return pairs if have_both.any() else None
 
 
 class _PlacedVideo:
