@@ -25,6 +25,7 @@ from stereo.doctor.hypotheses import REGISTER
 from stereo.readers import open_any
 from stereo.recording import Decoded, DepthCamera, Frame, Recording, Shot, StereoPair
 from stereo.rectify import Rectifier, rectified_rig
+from stereo.rgbd import pixel_rays
 from stereo.thumbnails import Thumbnails
 
 FRAMES = 60
@@ -126,9 +127,7 @@ def depth_faults(sensor: DepthCamera) -> list[Fault]:
     """Each fault of images with depth under the name that it should get."""
     camera = sensor.depth_camera or sensor.camera
     units = sensor.depth_units.units_per_m
-    rows, columns = np.indices(camera.size[::-1])
-    rays = camera.unproject(np.column_stack([columns.ravel(), rows.ravel()]))
-    ray = np.linalg.norm(rays, axis=1).reshape(rows.shape)
+    ray = np.linalg.norm(pixel_rays(camera), axis=2)
 
     def depth(change: Callable[[AnyArray], AnyArray]) -> Images:
         def images(image: AnyArray, values: AnyArray) -> tuple[AnyArray, AnyArray]:

@@ -114,6 +114,11 @@ class RectifiedGeometry:
         """(3, 3) camera matrix K of both images [px]."""
         return np.array([[self.focal_u_px, 0.0, self.cu_px], [0.0, self.focal_v_px, self.cv_px], [0.0, 0.0, 1.0]])
 
+    @property
+    def pixel_to_ray(self) -> F64:
+        """(3, 3) homogeneous pixel to ray, the inverse of K."""
+        return np.asarray(np.linalg.inv(self.matrix), dtype=np.float64)
+
     def above(self, world_SE3_left: SE3, step: int = 1) -> FloorPinhole:
         """The left camera above the floor, with its image or that of means of step x step pixels."""
         size = (-(-self.width // step), -(-self.height // step))
@@ -250,12 +255,14 @@ def sample_disparities(disparity: F32, step: int) -> F32:
     pixels = np.stack([whole[row::step, column::step] for row in around for column in around])
     if len(pixels) == 1:
         return np.asarray(pixels[0])
-    a, b, c, d = pixels
     # A pixel without depth counts as its neighbour in the row.
-    second = np.fmax(np.fmin(np.fmax(a, b), np.fmax(c, d)), np.fmax(np.fmin(a, b), np.fmin(c, d)))
+    nearest = np.fmax(pixels[::2], pixels[1::2])
+    farther = np.fmin(pixels[::2], pixels[1::2])
+    second = np.fmax(np.fmin(*nearest), np.fmax(*farther))
     on_it = np.abs(pixels - second) <= np.float32(ONE_SURFACE) * second
+    total = np.where(on_it, pixels, np.float32(0.0)).sum(axis=0)
     with np.errstate(invalid="ignore"):  # nothing over nothing where there is no depth
-        mean = np.where(on_it, pixels, np.float32(0.0)).sum(axis=0) / on_it.sum(axis=0, dtype=np.float32)
+        mean = total / on_it.sum(axis=0, dtype=np.float32)
     return np.asarray(mean, dtype=np.float32)
 
 
@@ -264,11 +271,13 @@ def back_project(depth: F32, geometry: RectifiedGeometry, step: int = 1) -> F32:
     is, of samples of step x step pixels of the geometry's image."""
     rows, cols = depth.shape
     points = np.empty((rows, cols, 3), dtype=np.float32)
-    u = middle_px(np.arange(float(cols)), step)
-    v = middle_px(np.arange(float(rows)), step)
-    x = geometry.rays(np.column_stack([u, np.zeros(cols)]))[:, 0].astype(np.float32)
-    y = geometry.rays(np.column_stack([np.zeros(rows), v]))[:, 1].astype(np.float32)
-    np.multiply(depth, x[None, :], out=points[..., 0])
+    across = np.zeros((cols, 2))
+    down = np.zeros((rows, 2))
+    across[:, 0] = middle_px(np.arange(float(cols)), step)
+    down[:, 1] = middle_px(np.arange(float(rows)), step)
+    x = geometry.rays(across)[:, 0].astype(np.float32)
+    y = geometry.rays(down)[:, 1].astype(np.float32)
+    np.multiply(depth, x, out=points[..., 0])
     np.multiply(depth, y[:, None], out=points[..., 1])
     points[..., 2] = depth
     return points
@@ -298,6 +307,7 @@ def median_image(images: Sequence[AnyArray]) -> F32:
             sorted_so_far[k : k + 2] = np.fmin(low, high), np.maximum(low, high)  # NaN comes last
     ordered = np.stack(sorted_so_far)
     known = np.isfinite(ordered).sum(axis=0, keepdims=True)
-    middle = [np.take_along_axis(ordered, np.maximum(n, 0), axis=0)[0] for n in ((known - 1) // 2, known // 2)]
-    mean = np.float32(0.5) * np.add(*middle, dtype=np.float32)
+    lower = np.take_along_axis(ordered, np.maximum(known - 1, 0) // 2, axis=0)[0]
+    upper = np.take_along_axis(ordered, known // 2, axis=0)[0]
+    mean = np.float32(0.5) * np.add(lower, upper, dtype=np.float32)
     return np.where(known[0] > 0, mean, np.float32(np.nan))

@@ -38,15 +38,15 @@ def source_pixels(camera: Camera, rotation: F64, pixel_to_ray: F64, size: tuple[
         size: (width, height) of the rectified image [px].
     """
     matrix = np.linalg.inv(pixel_to_ray)
-    coefficients = camera.coefficients
     maps = cv2.fisheye.initUndistortRectifyMap if camera.model == "fisheye" else cv2.initUndistortRectifyMap
-    u, v = maps(camera.matrix, coefficients, rotation, matrix, size, cv2.CV_32FC1)
+    u, v = maps(camera.matrix, camera.coefficients, rotation, matrix, size, cv2.CV_32FC1)
     pixels = np.stack([u, v], axis=-1, dtype=np.float32)
     columns = np.arange(size[0], dtype=np.float64)
     rows = np.arange(size[1], dtype=np.float64)[:, None]
     x, y, z = (row[0] * columns + row[1] * rows + row[2] for row in rotation.T @ pixel_to_ray)
     limit = min(fold_radius(camera), 1e6)
-    pixels[(z <= 0) | (x * x + y * y > (limit * z) ** 2)] = np.nan
+    is_folded = x * x + y * y > (limit * z) ** 2
+    pixels[(z <= 0) | is_folded] = np.nan
     return pixels
 
 
@@ -64,17 +64,21 @@ def fold_radius(camera: Camera) -> float:
 def border_rays(camera: Camera, samples: int = 33) -> F64:
     """(4, samples, 3) float64 rays at unit z through the left, right, top and bottom edge of an image; where the lens
     model has no inverse, the outermost ray that it has in that direction."""
-    w = camera.width - 0.5
-    h = camera.height - 0.5
-    across = np.linspace(-0.5, w, samples)
-    down = np.linspace(-0.5, h, samples)
-    low = np.full(samples, -0.5)
-    edges = [(low, down), (np.full(samples, w), down), (across, low), (across, np.full(samples, h))]
-    pixels = np.concatenate([np.column_stack(edge) for edge in edges])
+    right = camera.width - 0.5
+    bottom = camera.height - 0.5
+    edges = np.empty((4, samples, 2))
+    edges[:2, :, 1] = np.linspace(-0.5, bottom, samples)
+    edges[2:, :, 0] = np.linspace(-0.5, right, samples)
+    edges[0, :, 0] = -0.5
+    edges[1, :, 0] = right
+    edges[2, :, 1] = -0.5
+    edges[3, :, 1] = bottom
+    pixels: F64 = edges.reshape(-1, 2)
     limit = min(fold_radius(camera), MAX_RAY_TAN)
     rays = camera.unproject(pixels)
     good = np.isfinite(rays).all(axis=1) & (np.hypot(rays[:, 0], rays[:, 1]) <= limit)
-    good &= np.hypot(*(camera.project(np.where(good[:, None], rays, 1.0)) - pixels).T) < 0.5
+    again = camera.project(np.where(good[:, None], rays, 1.0))
+    good &= np.hypot(*(again - pixels).T) < 0.5
     towards = (pixels - [camera.cx, camera.cy]) / [camera.fx, camera.fy]
     towards *= limit / np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-9)
     rays[~good, :2] = towards[~good]
@@ -90,16 +94,22 @@ def ideal_pinhole(
     rays = border_rays(camera) @ rotation.T
     plane = rays[..., :2] / np.maximum(rays[..., 2:], 0.1)  # at unit depth
     centre = rotation @ np.array([0.0, 0.0, 1.0])
-    u, v = (plane.mean(axis=1) - centre[:2] / centre[2]).T
-    # Which of the four borders is now the left, the right, the top and the bottom one.
-    edges = (np.argmin(u), 0, -1), (np.argmax(u), 0, 1), (np.argmin(v), 1, -1), (np.argmax(v), 1, 1)
-    left, right, top, bottom = (
-        sign * min(float(np.quantile(sign * plane[edge, :, axis], field_quantile)), MAX_RAY_TAN)
-        for edge, axis, sign in edges
-    )
+    middles = plane.mean(axis=1) - centre[:2] / centre[2]
+
+    def reach(axis: int, sign: int) -> float:
+        """How far the border reaches that is now farthest to the right (0, 1), the left (0, -1), down or up."""
+        border = np.argmax(sign * middles[:, axis])
+        outward = sign * plane[border, :, axis]
+        return min(float(np.quantile(outward, field_quantile)), MAX_RAY_TAN)
+
+    left = -reach(0, -1)
+    right = reach(0, 1)
+    top = -reach(1, -1)
+    bottom = reach(1, 1)
     width, height = camera.size
-    if (right - left) * height < (bottom - top) * width and abs(rotation[0, 1]) > abs(rotation[0, 0]):
-        width, height = height, width  # cameras one above the other: the rectified image lies on its side
+    is_on_its_side = abs(rotation[0, 1]) > abs(rotation[0, 0])  # cameras one above the other
+    if is_on_its_side and (right - left) * height < (bottom - top) * width:
+        width, height = height, width
     scale = min(1.0, working_px / max(width, height)) if working_px else 1.0
     width = max(16, round(width * scale))
     height = max(16, round(height * scale))
@@ -126,15 +136,18 @@ class Warp:
         aliases little; averaging more would blur.
         """
         factor = max(1, math.floor(max(camera.size) / working_px + 0.3)) if working_px else 1
-        self._reduced = max(1, camera.width // factor), max(1, camera.height // factor)
-        self._pixels = pixels = source_pixels(camera, rotation, pixel_to_ray, size)
-        inside: Bool = np.all((pixels > -0.5) & (pixels < np.array(camera.size) - 0.5), axis=-1)
+        self._source_size = max(1, camera.width // factor), max(1, camera.height // factor)
+        self._pixels = source_pixels(camera, rotation, pixel_to_ray, size)
+        recorded = np.array(camera.size)
+        averaged = np.array(self._source_size)
+        inside: Bool = np.all((self._pixels > -0.5) & (self._pixels < recorded - 0.5), axis=-1)
         self.mask: U8 = np.where(inside, np.uint8(255), np.uint8(0))
-        shrink = np.array(self._reduced) / np.array(camera.size)
-        reduced = np.clip((pixels + 0.5) * shrink - 0.5, 0.0, np.array(self._reduced) - 1.0)
-        reduced = np.where(inside[..., None], reduced, -1e4).astype(np.float32)  # else outside, where nothing is
+        pixels = (self._pixels + 0.5) * (averaged / recorded) - 0.5
+        pixels = np.clip(pixels, 0.0, averaged - 1.0)
+        pixels[~inside] = -1e4  # outside, where nothing is
         # OpenCV's fixed-point maps: whole pixels (H, W, 2) int16 and fractions (H, W) uint16.
-        fixed, fraction = cv2.convertMaps(reduced[..., 0], reduced[..., 1], cv2.CV_16SC2)
+        u, v = cv2.split(pixels.astype(np.float32))
+        fixed, fraction = cv2.convertMaps(u, v, cv2.CV_16SC2)
         self._maps: tuple[AnyArray, AnyArray] = np.asarray(fixed), np.asarray(fraction)
 
     def __call__(self, image: U8) -> U8:
@@ -143,13 +156,13 @@ class Warp:
 
     def grey(self, image: U8) -> U8:
         """(H, W) uint8: a call, of an image in grey."""
-        return self(image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8))
+        return self(as_grey(image))
 
     def source(self, image: U8) -> U8:
         """An image of the camera, or what another warp of it needs, averaged down as this warp needs it."""
-        if self._reduced == image.shape[1::-1]:
+        if self._source_size == image.shape[1::-1]:
             return image
-        return np.asarray(cv2.resize(image, self._reduced, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        return np.asarray(cv2.resize(image, self._source_size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
     def nearest(self, depth: F32) -> F32:
         """(H, W) float32 of a depth image of the camera: nearest pixels, as a mean over an edge is nowhere; else NaN.
@@ -201,7 +214,7 @@ class Rectifier:
         size_px = self.params.working_px
         quantile = self.params.field_quantile
         self.geometry = ideal_pinhole(rig.left, left_rotation, size_px, quantile, rig.baseline_m)
-        to_ray: F64 = np.asarray(np.linalg.inv(self.geometry.matrix), dtype=np.float64)
+        to_ray = self.geometry.pixel_to_ray
         self._left = Warp(rig.left, left_rotation, to_ray, self.geometry.size, size_px)
         self._right = Warp(rig.right, right_rotation, to_ray, self.geometry.size, size_px)
         self._smaller = {1: self._left}
@@ -218,17 +231,17 @@ class Rectifier:
         """Rectify a pair, its left image as recorded at an n-th of the size (arguments and errors as of a call)."""
         self._check(left, right)
         ours = self._left.source(left)
-        greys = self._left.grey(ours), self._right.grey(right)
-        return Rectified(self._reduced(step)(ours), *greys, partial(self._left, left))
+        image = self._smaller_left(step)(ours)
+        return Rectified(image, self._left.grey(ours), self._right.grey(right), partial(self._left, left))
 
-    def _reduced(self, step: int) -> Warp:
+    def _smaller_left(self, step: int) -> Warp:
         """Of the left image at an n-th of its size."""
         if step not in self._smaller:
             width, height = self.geometry.size
             size = (-(-width // step), -(-height // step))
             middle = middle_px(0, step)
             scale = np.array([[step, 0.0, middle], [0.0, step, middle], [0.0, 0.0, 1.0]])
-            to_ray = np.asarray(np.linalg.inv(self.geometry.matrix) @ scale, dtype=np.float64)
+            to_ray = self.geometry.pixel_to_ray @ scale
             rotation = self.rect_SE3_left.rotation
             self._smaller[step] = Warp(self.rig.left, rotation, to_ray, size, max(size))
         return self._smaller[step]
@@ -247,31 +260,35 @@ def aligned_rectifier(
     # Longest side of the images in which the calibration is corrected [px]: more cost time.
     plain = Rectifier(rig, params.model_copy(update={"working_px": 1280}))
     searched = disparity_range(plain.geometry)
-    pairs = ((pair.left_grey, pair.right_grey) for pair in (plain(*frame.images) for frame in frames))
-    correction = measure_correction(pairs, plain.geometry, searched.first_px + searched.count)
+
+    def greys(frame: Frame[Shot]) -> tuple[U8, U8]:
+        pair = plain(*frame.images)
+        return pair.left_grey, pair.right_grey
+
+    correction = measure_correction(map(greys, frames), plain.geometry, searched.first_px + searched.count)
     rectifier = Rectifier(correction(rig), params)
     scale = rectifier.geometry.width / plain.geometry.width
-    return rectifier, replace(correction, before_px=correction.before_px * scale, after_px=correction.after_px * scale)
+    before_px = correction.before_px * scale
+    after_px = correction.after_px * scale
+    return rectifier, replace(correction, before_px=before_px, after_px=after_px)
 
 
 def rectified_rig(rig: StereoRig) -> StereoRig:
     """The calibration of the rectified images of a pair, as OpenCV computes it for alpha 0; itself where it is one."""
     if is_ideal(rig):
         return rig
-    pose = rig.right_SE3_left
-    turn = pose.rotation
-    shift_column = pose.translation.reshape(3, 1)
-    lenses = [(camera.matrix, camera.coefficients) for camera in (rig.left, rig.right)]
-    (k1, d1), (k2, d2) = lenses
-    if "fisheye" in (rig.left.model, rig.right.model):
-        _, _, p1, p2, _ = cv2.fisheye.stereoRectify(k1, d1, k2, d2, rig.left.size, turn, shift_column, 0)
+    left = rig.left
+    right = rig.right
+    lenses = (left.matrix, left.coefficients, right.matrix, right.coefficients)
+    turn = rig.right_SE3_left.rotation
+    shift = rig.right_SE3_left.translation.reshape(3, 1)
+    if "fisheye" in (left.model, right.model):
+        _, _, *projections, _ = cv2.fisheye.stereoRectify(*lenses, left.size, turn, shift, 0)
     else:
-        _, _, p1, p2, *_ = cv2.stereoRectify(k1, d1, k2, d2, rig.left.size, turn, shift_column, alpha=0.0)
-    left, right = (
-        Camera(*rig.left.size, float(p[0, 0]), float(p[1, 1]), float(p[0, 2]), float(p[1, 2])) for p in (p1, p2)
-    )
-    shift = np.array([-rig.baseline_m, 0.0, 0.0])
-    return StereoRig(left, right, SE3(np.eye(3), shift), f"{rig.source} [rectified images]")
+        _, _, *projections = cv2.stereoRectify(*lenses, left.size, turn, shift, alpha=0.0)[:4]
+    cameras = [Camera(*left.size, *p[[0, 1, 0, 1], [0, 1, 2, 2]].tolist()) for p in projections]
+    pose = SE3(np.eye(3), np.array([-rig.baseline_m, 0.0, 0.0]))
+    return StereoRig(cameras[0], cameras[1], pose, f"{rig.source} [rectified images]")
 
 
 def is_ideal(rig: StereoRig) -> bool:

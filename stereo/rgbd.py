@@ -21,6 +21,13 @@ from stereo.matcher import DISPARITY_STEP, DisparityRange
 from stereo.rectify import RectifyParams, Warp, ideal_pinhole, source_pixels
 
 
+def pixel_rays(camera: Camera) -> F64:
+    """(H, W, 3) float64 ray of every pixel of a camera, at unit depth."""
+    rows, columns = np.indices(camera.size[::-1])
+    rays = camera.unproject(np.column_stack([columns.ravel(), rows.ravel()]))
+    return rays.reshape(*rows.shape, 3)
+
+
 class DepthRegistration:
     """Depth in the pixels of the image; of surfaces that fall on one pixel the nearest counts."""
 
@@ -31,16 +38,17 @@ class DepthRegistration:
         image = rig.camera
         if depth is None:
             return
-        columns, rows = np.meshgrid(np.arange(depth.width), np.arange(depth.height))
-        rays = depth.unproject(np.column_stack([columns.ravel(), rows.ravel()])) @ rig.camera_SE3_depth.rotation.T
-        self._rays = rays.reshape(depth.height, depth.width, 3).astype(np.float32)
+        rays = pixel_rays(depth)
+        turned = rays.reshape(-1, 3) @ rig.camera_SE3_depth.rotation.T
+        self._rays = turned.reshape(rays.shape).astype(np.float32)
         # A lens shows as much more than its own pinhole to each side; farther rays are left out.
         x = round(0.25 * image.width)
         y = round(0.25 * image.height)
         size = image.width + 2 * x, image.height + 2 * y
         pinhole: F64 = image.matrix + np.array([[0, 0, x], [0, 0, y], [0, 0, 0]])
         self._pinhole = pinhole[[0, 1, 0, 1], [0, 1, 2, 2]]
-        self._distorted = source_pixels(image, np.eye(3), np.asarray(np.linalg.inv(pinhole), dtype=np.float64), size)
+        to_ray = np.asarray(np.linalg.inv(pinhole), dtype=np.float64)
+        self._distorted = source_pixels(image, np.eye(3), to_ray, size)
         # Depth of fewer pixels per degree leaves no holes; a quarter more bridges turns and lenses.
         self._half_px = max(0.5, 0.625 * max(image.fx / depth.fx, image.fy / depth.fy))
 
@@ -129,8 +137,7 @@ class RgbdRectifier:
         per_m2, min_m = NOISE[technology]
         baseline_m = DISPARITY_STD_PX / (pinhole.focal_u_px * per_m2)
         self.geometry: RectifiedGeometry = replace(pinhole, baseline_m=baseline_m, depth_std_min_m=min_m)
-        to_ray = np.asarray(np.linalg.inv(self.geometry.matrix), dtype=np.float64)
-        self._warp = Warp(camera, np.eye(3), to_ray, self.geometry.size, p.working_px)
+        self._warp = Warp(camera, np.eye(3), pinhole.pixel_to_ray, pinhole.size, p.working_px)
         self.mask = self._warp.mask
 
     def __call__(self, image: U8, depth_m: F32) -> tuple[U8, F32]:

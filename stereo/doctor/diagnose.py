@@ -40,7 +40,7 @@ from stereo.doctor.scenes import PLAUSIBLE, DepthScene, StoredDepth, floor_score
 from stereo.floor import FloorSearch
 from stereo.recording import DepthCamera, Frame, Recording, Shot, StereoPair
 from stereo.rectify import RectifyParams
-from stereo.rgbd import RgbdRectifier
+from stereo.rgbd import RgbdRectifier, pixel_rays
 
 SPREAD_FRAMES = 6
 """Frames looked at, spread over the recording."""
@@ -152,9 +152,7 @@ def stored_scene(recording: Recording[DepthCamera]) -> DepthScene:
     sensor = recording.sensor
     camera = sensor.depth_camera or sensor.camera
     rectifier = RgbdRectifier(sensor.camera, sensor.technology, RectifyParams(working_px=WIDTH))
-    rows, columns = np.indices(camera.size[::-1])
-    rays = camera.unproject(np.column_stack([columns.ravel(), rows.ravel()]))
-    ray = np.linalg.norm(rays, axis=1).reshape(rows.shape).astype(np.float32)
+    ray = np.linalg.norm(pixel_rays(camera), axis=2).astype(np.float32)
     images, values = _stored_frames(recording)
 
     def rectified(image: U8, depth_m: F32) -> F32:
