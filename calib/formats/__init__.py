@@ -74,16 +74,11 @@ def _hint(source: Source) -> str:
 
 def _find_mates(path: Path, form: Format, part: str) -> list[Source]:
     """Files near one half of a rig that hold the other."""
-    folders = [path.parent]
+    folder = path.parent
     # EuRoC keeps each half in a folder of its own.
-    if path.parent.name.lower() in {"cam0", "cam1", "left", "right"}:
-        folders.append(path.parent.parent)
-    files = {}
-    for folder in folders:
-        for file in _files(folder):
-            files[file.resolve()] = file
-    files.pop(path.resolve(), None)
-    sources = _read_texts(files.values())
+    if folder.name.lower() in {"cam0", "cam1", "left", "right"}:
+        folder = folder.parent
+    sources = _read_texts(file for file in _files(folder) if not file.samefile(path))
     return [
         source for source in sources if form.part(source) == part and _common_name(source.path) == _common_name(path)
     ]
@@ -167,8 +162,6 @@ def _strange_files(folder: Path, hints: Mapping[Path, str]) -> str:
 FORMATS: tuple[Format, ...] = (NATIVE, OPENCV, DEPTHAI, KALIBR, ROS, ZED, KITTI, EUROC, MIDDLEBURY)
 WRITTEN: tuple[Format, ...] = tuple(form for form in FORMATS if form.texts is not None)
 """Those that ``write_rig`` writes; the others are only read."""
-
-__all__ = ["FORMATS", "WRITTEN", "calibration_files", "fit_rig", "load_rig", "refuse_strange_camera", "write_rig"]
 
 
 def load_rig(

@@ -155,11 +155,10 @@ def _resolution(sections: Mapping[str, Mapping[str, str]], size: Size | None) ->
     if not sizes:
         raise ValueError(f"expected LEFT_CAM and RIGHT_CAM sections of {', '.join(RESOLUTIONS)}, found none")
     largest = next(iter(sizes))
-    if size is None and len(sizes) > 1:
-        choice = ", ".join(map(size_text, sizes.values()))
-        return largest, f" (the largest of {choice}; another image size selects another)"
     if size is None:
-        return largest, ""
+        choice = ", ".join(map(size_text, sizes.values()))
+        remark = f" (the largest of {choice}; another image size selects another)"
+        return largest, remark if len(sizes) > 1 else ""
     same = [name for name in sizes if sizes[name] == size]
     shaped = [name for name, (width, height) in sizes.items() if width * size[1] == height * size[0]]
     return (same or shaped or [largest])[0], ""
@@ -232,13 +231,10 @@ def _kitti_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     rectified = choice.rectified
     if rectified is None and choice.size is not None and f"S_rect_{left}" in data:
         rectified = _size_at(data, f"S_rect_{left}") == choice.size != _size_at(data, f"S_{left}")
-    if rectified:
-        one = _rectified_camera(data, left, choice)
-        other = _rectified_camera(data, right, choice)
-        return base.join_cameras(one, other, f"{source.path.name} [cameras {left} {right}, rectified images]")
-    one = _raw_camera(data, left, choice)
-    other = _raw_camera(data, right, choice)
-    return base.join_cameras(one, other, f"{source.path.name} [cameras {left} {right}, unrectified images]")
+    camera = _rectified_camera if rectified else _raw_camera
+    kind = "rectified" if rectified else "unrectified"
+    name = f"{source.path.name} [cameras {left} {right}, {kind} images]"
+    return base.join_cameras(camera(data, left, choice), camera(data, right, choice), name)
 
 
 def _kitti_pair(data: Mapping[str, str]) -> tuple[str, str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -103,7 +102,6 @@ class HumanCalibration:
         odd: numbers of the samples that fit badly and were weighted down.
         stature: mean height of the sampled people against the model's [1], as far as a known camera height fixes it.
         boxes_only: whether heads and feet were read as but the middles of the boxes' edges.
-        search_s: duration of the search [s].
     """
 
     camera: GroundCamera
@@ -115,7 +113,6 @@ class HumanCalibration:
     odd: tuple[int, ...]
     stature: float
     boxes_only: bool
-    search_s: float
 
 
 def calibrate_from_people(
@@ -148,7 +145,6 @@ def calibrate_from_people(
         raise ValueError(f"expected a lens of {', '.join(LENS_K_320)}, got {lens!r}")
     known = known or KnownValues()
     model = HumanModel().scaled(known.person_height_m or HumanModel().height_m)
-    start = time.perf_counter()
     people = people_of(samples, model, independent)
     lenses = [lens] if lens else list(LENS_K_320)
     best = _best_fit(lenses, size, people, model, known)
@@ -168,7 +164,6 @@ def calibrate_from_people(
         odd=tuple(np.flatnonzero(fit.deviations > ODD_FROM).tolist()),
         stature=fit.stature,
         boxes_only=fit.prior.reading == "boxes",
-        search_s=time.perf_counter() - start,
     )
 
 
@@ -468,20 +463,13 @@ class _Advisor:
 
     def _helpful_value(self) -> str:
         """A value that would be enough if it was given; empty where none is."""
-        focal = "the focal length or field of view"
-        height = "the camera's height"
-        focal_gain = np.zeros((N_SHARED, N_SHARED))
-        height_gain = np.zeros((N_SHARED, N_SHARED))
-        focal_gain[FOCAL, FOCAL] = 1.0 / KNOWN_CAMERA_STD**2
-        height_gain[HEIGHT, HEIGHT] = 1.0 / KNOWN_CAMERA_STD**2
-        helpful = []
-        if self._enough(focal_gain):
-            helpful.append(focal)
-        if self._enough(height_gain):
-            helpful.append(height)
+        names = {FOCAL: "the focal length or field of view", HEIGHT: "the camera's height"}
+        gain = np.eye(N_SHARED) / KNOWN_CAMERA_STD**2
+        helpful = [name for k, name in names.items() if self._enough(np.diag(gain[k]))]
         if helpful:
             return " or ".join(helpful)
-        return f"{focal} and {height}" if self._enough(focal_gain + height_gain) else ""
+        both = np.diag(gain[FOCAL] + gain[HEIGHT])
+        return " and ".join(names.values()) if self._enough(both) else ""
 
     def _direction(self, sample: NextSample) -> str:
         """Where a sample is against the others."""

@@ -123,16 +123,12 @@ def fit_camera(
 
 def _likeliest_variation(residuals: Residuals, values: F64) -> float:
     """Variation of people that fits them best at these unknowns: one person who walks upright varies little."""
-    best = 1.0
-    most = -math.inf
-    for variation in (1.0, 0.5, 0.25):
-        likelihood = residuals.at(values, variation).log_likelihood(values)
+
+    def score(variation: float) -> float:
         # Each halving must raise the log-likelihood by 2.
-        score = likelihood + 2.0 * math.log2(variation)
-        if score > most:
-            most = score
-            best = variation
-    return best
+        return residuals.at(values, variation).log_likelihood(values) + 2.0 * math.log2(variation)
+
+    return max((1.0, 0.5, 0.25), key=score)
 
 
 class Residuals:

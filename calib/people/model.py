@@ -98,10 +98,6 @@ class HumanModel:
         hulls[is_behind] = np.nan
         return hulls
 
-    def hull(self, camera: GroundCamera, x_m: float, y_m: float) -> F64:
-        """(HULL_POINTS, 2) float64 [px]: the convex hull of one person (see ``hulls``)."""
-        return self.hulls(camera, (x_m, y_m))
-
     def head(self, camera: GroundCamera, xy_m: ArrayLike) -> F64:
         """(..., 2) float64 [px]: the top of the head's centre, for (..., 2) floor positions [m]."""
         return camera.project(np.insert(np.asarray(xy_m, dtype=np.float64), 2, self.height_m, axis=-1))

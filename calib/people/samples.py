@@ -7,7 +7,6 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -175,10 +174,7 @@ def read_image_size(path: Path) -> tuple[int, int] | None:
 
 
 def write_samples(samples: Sequence[HumanSample], path: Path, image_size: tuple[int, int] | None = None) -> None:
-    """Write samples as JSON with the (width, height) of their image, or as CSV when the name ends so."""
-    if path.suffix.lower() == ".csv":
-        write_whole(path, _csv_text(samples))
-        return
+    """Write samples as JSON with the (width, height) of their image."""
     data: dict[str, Any] = {}
     if image_size is not None:
         data["image_size"] = image_size
@@ -189,17 +185,6 @@ def write_samples(samples: Sequence[HumanSample], path: Path, image_size: tuple[
             row["height_m"] = sample.height_m
         data["samples"].append(row)
     write_whole(path, json.dumps(data, indent=1) + "\n")
-
-
-def _csv_text(samples: Sequence[HumanSample]) -> str:
-    has_heights = any(sample.height_m is not None for sample in samples)
-    text = StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(["frame", *COLUMNS, "height_m"] if has_heights else ["frame", *COLUMNS])
-    for sample in samples:
-        row = [sample.frame, *map(float, (*sample.box_px, *sample.head_px, *sample.foot_px))]
-        table.writerow([*row, sample.height_m] if has_heights else row)
-    return text.getvalue()
 
 
 def _load(path: Path) -> Any:

@@ -273,7 +273,7 @@ def _camera_text(found: HumanCalibration) -> str:
         f"{math.degrees(camera.tilt_rad):.1f} (+-{math.degrees(std.tilt_rad):.1f}) degrees, roll "
         f"{math.degrees(camera.roll_rad):.1f} (+-{math.degrees(std.roll_rad):.1f}), focal length {camera.focal_px:.0f} "
         f"(+-{std.focal * camera.focal_px:.0f}) px, lens {camera.lens}; error {found.error:.3f} over "
-        f"{len(found.sample_errors)} samples, search {found.search_s:.2f} s"
+        f"{len(found.sample_errors)} samples"
     ]
     if found.odd:
         lines.append(f"samples that fit badly, look at them again: {', '.join(str(i + 1) for i in found.odd)}")
@@ -306,6 +306,5 @@ def _camera_values(found: HumanCalibration, out: Path) -> dict[str, Any]:
         "sample_errors": [round(float(e), 4) for e in found.sample_errors],
         "samples": len(found.sample_errors),
         "boxes_only": found.boxes_only,
-        "search_s": round(found.search_s, 3),
         "camera": str(out),
     }

@@ -68,24 +68,26 @@ STD_MAX_S = 0.10
 
 def paths_of(tracks: Trajectories, world_SE3_left: SE3, disparity_metre: float) -> list[WalkedPath]:
     """Confirmed people as paths, for the pose of the rectified left camera and f b [px m]; predicted rows are gaps."""
-    known = (tracks.state == "confirmed") & np.isfinite(tracks.x_m + tracks.y_m + tracks.timestamp_s)
-    rows = tracks.where(known)
+    is_placed = (tracks.state == "confirmed") & np.isfinite(tracks.x_m + tracks.y_m + tracks.timestamp_s)
+    rows = tracks.where(is_placed)
     paths = []
     for track_id in np.unique(rows.track_id):
-        own = rows.where(rows.track_id == track_id)
+        track = rows.where(rows.track_id == track_id)
         # Over longer gaps a path is not interpolated [s].
-        cuts = np.flatnonzero(np.diff(own.timestamp_s) > 0.5) + 1
-        for part in np.split(np.arange(len(own)), cuts):
-            first, xy = sample_path(own.timestamp_s[part], np.column_stack([own.x_m[part], own.y_m[part]]))
+        cuts = np.flatnonzero(np.diff(track.timestamp_s) > 0.5) + 1
+        for part in np.split(np.arange(len(track)), cuts):
+            xy = np.column_stack([track.x_m[part], track.y_m[part]])
+            first, xy = sample_path(track.timestamp_s[part], xy)
             # Shorter pieces are left out [s].
             if (len(xy) - 1) * TICK_S < 2.0:
                 continue
-            heights = own.height_m[part][np.isfinite(own.height_m[part])]
+            heights = track.height_m[part]
+            heights = heights[np.isfinite(heights)]
             height_m = float(np.median(heights)) if len(heights) else math.nan
             # What an offset of the disparities does: dZ/dd = -Z^2 / (f b), along the ray to a head at 1.6 m.
-            out = np.column_stack([xy, np.full(len(xy), 1.6)]) - world_SE3_left.translation
-            depth = out @ world_SE3_left.rotation[:, 2]
-            per_px_m = -out[:, :2] * depth[:, None] / disparity_metre
+            ray = np.column_stack([xy, np.full(len(xy), 1.6)]) - world_SE3_left.translation
+            depth = ray @ world_SE3_left.rotation[:, 2]
+            per_px_m = -ray[:, :2] * depth[:, None] / disparity_metre
             paths.append(WalkedPath(first, xy, height_m, np.asarray(per_px_m)))
     return paths
 
@@ -120,7 +122,7 @@ def record_rig(path: Path, config: Config, fps: float | None = None) -> RigRecor
 
 
 def _scene(view: FloorRig, disparities: list[F32]) -> F32:
-    """Points of the median disparity that are known well enough."""
+    """Points of the median disparity whose depth is certain enough."""
     geometry = view.geometry
     disparity = median_image(disparities)
     # Points of the scene with a larger predicted depth deviation are left out [m].
@@ -136,43 +138,48 @@ def align_rigs(first: Paths, second: Paths, clock_s: float = 10.0, disparity_px:
     """
     if not first or not second:
         raise WorkError("expected people who walk in both sensors' views, found none in one of them")
-    found = _hypotheses(first, second, clock_s)
-    if not found:
+    hypotheses = _hypotheses(first, second, clock_s)
+    if not hypotheses:
         raise WorkError(
             f"expected people who walk for {PIECE_S:g} s where both sensors see them, found no path that fits "
             f"another within {clock_s:g} s of clock: the sensors see different places, or people stood"
         )
-    scores = np.array([met_s(hypothesis, first, second) for hypothesis in found])
-    best = found[int(np.argmax(scores))]
+    scores_s = [met_s(hypothesis, first, second) for hypothesis in hypotheses]
+    best = hypotheses[int(np.argmax(scores_s))]
     for meet_m in [MEET_M] * 4 + [SAME_PLACE_M] * 4:
-        best = _refined(best, first, second, meet_m, disparity_px)
-    top = met_s(best, first, second)
-    rival = max((score for other, score in zip(found, scores, strict=True) if _apart(best, other)), default=0.0)
-    if rival > RIVAL_SHARE * max(top, float(scores.max())):
+        best = _refine(best, first, second, meet_m, disparity_px)
+    best_s = met_s(best, first, second)
+    rival_s = 0.0
+    for other, score_s in zip(hypotheses, scores_s, strict=True):
+        if _differ(best, other):
+            rival_s = max(rival_s, score_s)
+    if rival_s > RIVAL_SHARE * max(best_s, *scores_s):
         raise WorkError(
             "expected people who walk so that one position of the sensors fits best, found another that fits "
-            f"{rival:.0f} s of their paths where the best fits {top:.0f} s: "
+            f"{rival_s:.0f} s of their paths where the best fits {best_s:.0f} s: "
             "let people walk around instead of to and fro on a line"
         )
     if best.shared_s < SHARED_S:
         raise WorkError(
             f"expected people in both sensors' views for at least {SHARED_S:g} s, found {best.shared_s:.1f} s"
         )
-    for name, std, limit, unit in (
-        ("position", 100 * best.position_std_m, 100 * STD_MAX_M, "cm"),
-        ("heading", math.degrees(best.heading_std_rad), STD_MAX_DEG, "degrees"),
-        ("clock", 1000 * best.clock_std_s, 1000 * STD_MAX_S, "ms"),
-    ):
-        if not std <= limit:
-            raise WorkError(
-                f"expected the {name} within {limit:g} {unit}, found a deviation of {std:.1f} {unit}: people walked "
-                "too little, or straight at one speed, where both sensors see them"
-            )
+    _refuse_above("position", 100 * best.position_std_m, 100 * STD_MAX_M, "cm")
+    _refuse_above("heading", math.degrees(best.heading_std_rad), STD_MAX_DEG, "degrees")
+    _refuse_above("clock", 1000 * best.clock_std_s, 1000 * STD_MAX_S, "ms")
     return best
 
 
-def _apart(one: RigAlignment, other: RigAlignment) -> bool:
-    """Whether two motions are different ones."""
+def _refuse_above(name: str, std: float, limit: float, unit: str) -> None:
+    """Refuse an alignment of which a value has too large a deviation."""
+    if not std <= limit:
+        raise WorkError(
+            f"expected the {name} within {limit:g} {unit}, found a deviation of {std:.1f} {unit}: people walked "
+            "too little, or straight at one speed, where both sensors see them"
+        )
+
+
+def _differ(one: RigAlignment, other: RigAlignment) -> bool:
+    """True for two motions that are different ones."""
     turn = math.remainder(one.heading_rad - other.heading_rad, 2 * math.pi)
     middle = np.array(one.pivot_m)
     shift = float(np.hypot(*(one.apply(middle) - other.apply(middle))))
@@ -183,31 +190,32 @@ def _hypotheses(first: Paths, second: Paths, clock_s: float) -> list[RigAlignmen
     """Motions that lay a piece of one path over another at some clock, the best of each pair of paths first."""
     length = max(4, round(PIECE_S / TICK_S))
     widest = math.ceil(clock_s / TICK_S)
-    found: list[tuple[float, RigAlignment]] = []
+    fits: list[tuple[float, RigAlignment]] = []
     for path in first:
         for start in range(0, len(path.xy_m) - length + 1, length // 2):
             piece = path.xy_m[start : start + length]
-            # The largest deviation of a piece from its middle: a person who stands gives no heading [m].
-            if np.sqrt(np.linalg.eigvalsh(np.cov(piece.T))[-1]) < 0.5:
+            largest_std_m = np.sqrt(np.linalg.eigvalsh(np.cov(piece.T))[-1])
+            # A person who stands gives no heading.
+            if largest_std_m < 0.5:
                 continue
             for other in second:
                 if same_height(path, other):
-                    found += _fits(piece, path.first + start, other, widest)
-    found.sort(key=lambda pair: pair[0])
+                    fits += _fit_piece(piece, path.first + start, other, widest)
+    fits.sort(key=lambda fit: fit[0])
     # Motions that are judged by all people.
-    return [motion for _, motion in found[:400]]
+    return [motion for _, motion in fits[:400]]
 
 
-def _fits(piece: F64, tick: int, other: WalkedPath, widest: int) -> list[tuple[float, RigAlignment]]:
-    """Rigid fits of all windows of another path to a piece; residual over extent, and motion, of the good ones."""
+def _fit_piece(piece: F64, tick: int, other: WalkedPath, widest: int) -> list[tuple[float, RigAlignment]]:
+    """Rms difference [m] and motion of the good ones of the rigid fits of all windows of another path to a piece."""
     n = len(piece)
     if len(other.xy_m) < n:
         return []
     windows = np.lib.stride_tricks.sliding_window_view(other.xy_m, n, axis=0).transpose(0, 2, 1)
     lags = tick - (other.first + np.arange(len(windows)))
-    near = np.abs(lags) <= widest
-    windows = windows[near]
-    lags = lags[near]
+    is_near = np.abs(lags) <= widest
+    windows = windows[is_near]
+    lags = lags[is_near]
     if not len(windows):
         return []
     centres = windows.mean(axis=1)
@@ -221,38 +229,42 @@ def _fits(piece: F64, tick: int, other: WalkedPath, widest: int) -> list[tuple[f
     angle = np.angle(turns)
     # Of neighbouring clocks only the best fit counts.
     around = np.concatenate([[np.inf], rms, [np.inf]])
-    best = np.flatnonzero((rms <= PIECE_RMS_M) & (rms <= around[:-2]) & (rms <= around[2:]))
-    motions = []
-    for k in best:
-        x, y = centre - floor_rotation(float(angle[k])) @ centres[k]
-        motions.append((float(rms[k]), RigAlignment(float(angle[k]), float(x), float(y), float(lags[k]) * TICK_S)))
-    return motions
+    is_least = (rms <= around[:-2]) & (rms <= around[2:])
+    fits = []
+    for k in np.flatnonzero((rms <= PIECE_RMS_M) & is_least):
+        heading = float(angle[k])
+        x, y = (centre - floor_rotation(heading) @ centres[k]).tolist()
+        fits.append((float(rms[k]), RigAlignment(heading, x, y, float(lags[k]) * TICK_S)))
+    return fits
 
 
-def _refined(motion: RigAlignment, first: Paths, second: Paths, meet_m: float, disparity_px: float) -> RigAlignment:
+def _refine(motion: RigAlignment, first: Paths, second: Paths, meet_m: float, disparity_px: float) -> RigAlignment:
     """The motion and clock that fit all people best who meet under a motion."""
-    meetings = [m for m in _meetings(motion, first, second, meet_m) if len(m.ticks) >= 5]
+    meetings = [meeting for meeting in _meetings(motion, first, second, meet_m) if len(meeting.ticks) >= 5]
     if not meetings:
         return motion
-    met = np.concatenate([m.second.at(m.ticks - motion.clock_s / TICK_S) for m in meetings])
-    pivot = np.nanmean(met, axis=0)
+    places = [meeting.second.at(meeting.ticks - motion.clock_s / TICK_S) for meeting in meetings]
+    pivot = np.nanmean(np.concatenate(places), axis=0)
 
-    def residual_m(v: F64, first_px: float = disparity_px, second_px: float = disparity_px) -> F64:
-        return np.concatenate([m.residual(v, (first_px, second_px), pivot) for m in meetings])
+    def residual_m(values: F64, first_px: float = disparity_px, second_px: float = disparity_px) -> F64:
+        return np.concatenate([meeting.residual(values, (first_px, second_px), pivot) for meeting in meetings])
+
+    def scaled_residual(values: F64) -> F64:
+        return residual_m(values) / NOISE_M
 
     from scipy.optimize import least_squares  # half a second
 
     start = np.array([motion.heading_rad, *motion.apply(pivot), motion.clock_s])
-    result = least_squares(
-        lambda v: residual_m(v) / NOISE_M, start, loss="soft_l1", x_scale=[0.05, 0.1, 0.1, 0.1], diff_step=1e-4
-    )
+    scale = [0.05, 0.1, 0.1, 0.1]
+    result = least_squares(scaled_residual, start, loss="soft_l1", x_scale=scale, diff_step=1e-4)
     left = residual_m(result.x)
     # (4, 4) of the values: of correlated noise, and of systematic errors of one deviation each (N, 2) that are
     # not solved for (consider covariance).
     jacobian = result.jac * NOISE_M
     worse_px = disparity_px + HEAD_ERROR_STD_PX
-    off = [residual_m(result.x, first_px=worse_px), residual_m(result.x, second_px=worse_px)]
-    systematic_m = np.column_stack(off) - left[:, None]
+    first_worse = residual_m(result.x, first_px=worse_px)
+    second_worse = residual_m(result.x, second_px=worse_px)
+    systematic_m = np.column_stack([first_worse, second_worse]) - left[:, None]
     sigma = max(float(np.median(np.abs(left)) / 0.6745), 1e-3)
     normal = jacobian.T @ jacobian + 1e-9 * np.eye(4)
     effect = np.linalg.solve(normal, jacobian.T @ systematic_m)
@@ -261,10 +273,15 @@ def _refined(motion: RigAlignment, first: Paths, second: Paths, meet_m: float, d
     heading, x, y, clock_s = result.x.tolist()
     shift = np.array([x, y]) - floor_rotation(heading) @ pivot
     return RigAlignment(
-        math.remainder(heading, 2 * math.pi), float(shift[0]), float(shift[1]), clock_s,
-        float(np.sqrt((left**2).mean())), len(left) / 2 * TICK_S,
-        tuple(np.sqrt(np.diag(covariance)).tolist()), tuple(pivot.tolist()),
-    )  # fmt: skip
+        heading_rad=math.remainder(heading, 2 * math.pi),
+        x_m=float(shift[0]),
+        y_m=float(shift[1]),
+        clock_s=clock_s,
+        residual_m=float(np.sqrt((left**2).mean())),
+        shared_s=len(left) / 2 * TICK_S,
+        std=tuple(np.sqrt(np.diag(covariance)).tolist()),
+        pivot_m=tuple(pivot.tolist()),
+    )
 
 
 class _Meeting(NamedTuple):
@@ -274,23 +291,25 @@ class _Meeting(NamedTuple):
     second: WalkedPath
     ticks: F64
 
-    def residual(self, v: F64, disparities_px: tuple[float, float], pivot: F64) -> F64:
+    def residual(self, values: F64, disparities_px: tuple[float, float], pivot: F64) -> F64:
         """(2 N,) differences [m] under (heading, x and y of the pivot, clock), with disparities corrected."""
-        then = self.ticks - v[3] / TICK_S
+        then = self.ticks - values[3] / TICK_S
         ours = self.first.at(self.ticks, disparities_px[0])
         theirs = self.second.at(then, disparities_px[1])
-        return np.nan_to_num(((theirs - pivot) @ floor_rotation(v[0]).T + v[1:3] - ours).ravel(), nan=0.0)
+        moved = (theirs - pivot) @ floor_rotation(values[0]).T + values[1:3]
+        return np.nan_to_num((moved - ours).ravel(), nan=0.0)
 
 
 def _meetings(motion: RigAlignment, first: Paths, second: Paths, meet_m: float) -> list[_Meeting]:
-    """Where people of both rigs meet under a motion."""
-    pairs = []
+    """The pairs of paths of both rigs that meet under a motion."""
+    meetings = []
     for path, other in product(first, second):
-        near = np.nan_to_num(apart_m(motion, path, other), nan=np.inf) <= meet_m
+        is_near = np.nan_to_num(apart_m(motion, path, other), nan=np.inf) <= meet_m
         # Two paths that meet for a shorter time are of people who pass each other [s].
-        if near.sum() * TICK_S >= 1.0 and same_height(path, other):
-            pairs.append(_Meeting(path, other, path.first + np.flatnonzero(near).astype(np.float64)))
-    return pairs
+        if is_near.sum() * TICK_S >= 1.0 and same_height(path, other):
+            ticks = path.first + np.flatnonzero(is_near).astype(np.float64)
+            meetings.append(_Meeting(path, other, ticks))
+    return meetings
 
 
 def after(before: RigAlignment, nearer: RigAlignment) -> RigAlignment:
@@ -304,32 +323,36 @@ def after(before: RigAlignment, nearer: RigAlignment) -> RigAlignment:
 def align_records(records: Sequence[RigRecord], clock_s: float = 10.0) -> list[RigAlignment]:
     """Alignments of all rigs but the first to the first: a rig is laid over every rig that has its place already, and
     takes the most certain result. Raises WorkError: people do not determine where a rig is; it is named."""
-    placed = {0: RigAlignment(0.0, 0.0, 0.0, 0.0)}
-    while waiting := [k for k in range(len(records)) if k not in placed]:
+    alignments = {0: RigAlignment(0.0, 0.0, 0.0, 0.0)}
+    while len(alignments) < len(records):
+        waiting = [k for k in range(len(records)) if k not in alignments]
         reasons: dict[int, WorkError] = {}
         for k in waiting:
-            found = []
-            for j, before in placed.items():
+            candidates = []
+            for j, before in alignments.items():
                 try:
                     nearer = align_rigs(records[j].paths, records[k].paths, clock_s)
                 except WorkError as error:
                     reasons[k] = error
                     continue
-                found.append(after(before, nearer))
-            if found:
-                placed[k] = min(found, key=lambda a: a.position_std_m)
-        if not set(waiting) & placed.keys():
+                candidates.append(after(before, nearer))
+            if candidates:
+                alignments[k] = min(candidates, key=lambda alignment: alignment.position_std_m)
+        if alignments.keys().isdisjoint(waiting):
             k = waiting[0]
             raise WorkError(f"{records[k].path}: {reasons[k]}") from reasons[k]
-    return [placed[k] for k in range(1, len(records))]
+    return [alignments[k] for k in range(1, len(records))]
 
 
 def rig_entries(records: Sequence[RigRecord], alignments: Sequence[RigAlignment], folder: Path) -> list[RigEntry]:
     """The rigs as ``rigs.toml`` in a folder lists them. Raises InputError: a rig that is not inside the folder."""
     entries = []
-    for record, a in zip(records, [RigAlignment(0.0, 0.0, 0.0, 0.0), *alignments], strict=True):
-        common_SE3_own = SE3.from_rotvec([0.0, 0.0, a.heading_rad], [a.x_m, a.y_m, 0.0])
-        entries.append(RigEntry(relative_to(record.path, folder), common_SE3_own @ record.world_SE3_left, a.clock_s))
+    first = RigAlignment(0.0, 0.0, 0.0, 0.0)
+    for record, alignment in zip(records, [first, *alignments], strict=True):
+        shift = [alignment.x_m, alignment.y_m, 0.0]
+        common_SE3_world = SE3.from_rotvec([0.0, 0.0, alignment.heading_rad], shift)
+        pose = common_SE3_world @ record.world_SE3_left
+        entries.append(RigEntry(relative_to(record.path, folder), pose, alignment.clock_s))
     return entries
 
 

@@ -65,12 +65,12 @@ class BoardImages:
             raise InputError(f"{path}: expected a folder of board images or a video, found none")
         self.is_video = bool(self._videos)
         if self.is_video:
-            n = min(VideoFile(video).n_frames for video in self._videos)
-            if n < 1:
+            n_frames = min(VideoFile(video).n_frames for video in self._videos)
+            if n_frames < 1:
                 raise InputError(f"{path}: expected a video with a known number of frames, found none")
-            # Frames of a video that are searched for the board, evenly spread: enough to choose 40 good views from.
-            self._frames = sorted({int(i) for i in np.linspace(0, n - 1, min(n, 240))})
-        self.names = [_name(files) for files in self._files] + [f"frame {i}" for i in self._frames]
+            # Frames of a video that are searched for the board: enough to choose 40 good views from.
+            self._frames = _spread(n_frames, 240)
+        self.names = [_name(files) for files in self._files] + [f"frame {index}" for index in self._frames]
 
     def __len__(self) -> int:
         return len(self.names)
@@ -80,24 +80,38 @@ class BoardImages:
 
     def sample(self, pairs: int) -> list[U8]:
         """Images of a few pairs, to find or check the board's counts."""
-        indices = sorted({int(i) for i in np.linspace(0, len(self) - 1, min(len(self), pairs))})
-        return [image for pair in self.at(indices) for image in (pair.left, pair.right) if image is not None]
+        images = []
+        for pair in self.at(_spread(len(self), pairs)):
+            images += [image for image in (pair.left, pair.right) if image is not None]
+        return images
 
     def at(self, indices: Sequence[int]) -> Iterator[BoardPair]:
         """Only these pairs, in ascending order."""
         if self.is_video:
             streams = [VideoFile(path).at([self._frames[i] for i in indices]) for path in self._videos]
-            for decoded in zip(*streams, strict=False):
-                yield _pair(f"frame {decoded[0].index}", [one.image for one in decoded])
+            for frames in zip(*streams, strict=False):
+                yield _pair(f"frame {frames[0].index}", [frame.image for frame in frames])
             return
-        for files in (self._files[index] for index in indices):
-            found = [file for file in files if file is not None]
-            if len(found) < len(files):
-                yield BoardPair(_name(files), why="has no mate from the other camera")
-                continue
-            images = [read_image(file, bits_of([file])) for file in found]
-            broken = [f"{f.parent.name}/{f.name} " for f, image in zip(found, images, strict=True) if image is None]
-            yield _pair(_name(files), images, broken[0] if broken and len(files) == 2 else "")
+        for index in indices:
+            yield _read_pair(self._files[index])
+
+
+def _spread(total: int, count: int) -> list[int]:
+    """Up to so many indices, evenly spread."""
+    return sorted({int(index) for index in np.linspace(0, total - 1, min(total, count))})
+
+
+def _read_pair(files: Files) -> BoardPair:
+    images = []
+    broken = ""
+    for file in files:
+        if file is None:
+            return BoardPair(_name(files), why="has no mate from the other camera")
+        image = read_image(file, bits_of([file]))
+        images.append(image)
+        if image is None and len(files) == 2 and not broken:
+            broken = f"{file.parent.name}/{file.name} "
+    return _pair(_name(files), images, broken)
 
 
 def _name(files: Files) -> str:
@@ -115,56 +129,65 @@ def _pair(name: str, images: Sequence[U8 | None], which: str = "") -> BoardPair:
     height, width = left.shape[:2]
     # Wider images are two pictures side by side: no single sensor is that wide.
     if width < 2.0 * height or width % 2:
-        raise InputError(
-            f"{name}: expected a left and a right image side by side (an even width, at least twice the height), "
-            f"found {width}x{height}"
-        )
+        expected = "a left and a right image side by side (an even width, at least twice the height)"
+        raise InputError(f"{name}: expected {expected}, found {width}x{height}")
     return BoardPair(name, left[:, : width // 2], left[:, width // 2 :])
 
 
 def _in_folder(folder: Path) -> tuple[list[Files], Sequence[Path]]:
     """Images, or videos; those of the two cameras are distinguished by the names of their folders or their own."""
-    folders = [f for f in entries(folder) if f.is_dir() and image_files(f)]
-    if (sided := split_sides([f.name for f in folders])) is not None:
-        if len(sided.left) != 1 or len(sided.right) != 1:
+    folders = [path for path in entries(folder) if path.is_dir() and image_files(path)]
+    sides = split_sides([path.name for path in folders])
+    if sides is not None:
+        if len(sides.left) != 1 or len(sides.right) != 1:
             raise InputError(f"{folder}: expected one folder of left and one of right images, found {len(folders)}")
-        return _paired(image_files(folders[sided.left[0]]), image_files(folders[sided.right[0]])), ()
+        left = image_files(folders[sides.left[0]])
+        right = image_files(folders[sides.right[0]])
+        return _pair_files(left, right), ()
     images = image_files(folder)
     videos = video_files(folder)
     files = images or videos
-    sided = split_sides([f.stem for f in files])
-    left, right = ([files[i] for i in side] for side in (sided[:2] if sided else ((), ())))
+    left = []
+    right = []
+    sides = split_sides([file.stem for file in files])
+    if sides is not None:
+        left = [files[index] for index in sides.left]
+        right = [files[index] for index in sides.right]
+    if images and left:
+        return _pair_files(left, right), ()
     if images:
-        return (_paired(left, right) if left else [(file,) for file in images]), ()
-    if len(left) == len(right) == 1 or len(videos) == 1:
-        return [], (left + right) or videos
+        return [(file,) for file in images], ()
+    if len(left) == len(right) == 1:
+        return [], [*left, *right]
+    if len(videos) == 1:
+        return [], videos
     needed = "left and right images or videos, or images or a video side by side"
     raise InputError(f"{folder}: expected {needed}, found {len(videos) or 'no images or'} videos")
 
 
-def _paired(left: Sequence[Path], right: Sequence[Path]) -> list[Files]:
+def _pair_files(left: Sequence[Path], right: Sequence[Path]) -> list[Files]:
     """Mates by name without the word for the side, else by number, else in order."""
-    for key in (_plain, frame_number):
-        lefts = {key(f): f for f in left}
-        rights = {key(f): f for f in right}
-        unique = len(lefts) == len(left) and len(rights) == len(right)
-        if unique and None not in lefts and len(lefts.keys() & rights.keys()) * 2 >= min(len(left), len(right)):
-            order = [key(f) for f in left] + [key(f) for f in right if key(f) not in lefts]
-            return [(lefts.get(k), rights.get(k)) for k in order]
+    for key in (_plain_name, frame_number):
+        lefts = {key(file): file for file in left}
+        rights = {key(file): file for file in right}
+        is_unique = len(lefts) == len(left) and len(rights) == len(right)
+        n_common = len(lefts.keys() & rights.keys())
+        if is_unique and None not in lefts and n_common * 2 >= min(len(left), len(right)):
+            return [(lefts.get(name), rights.get(name)) for name in {**lefts, **rights}]
     if len(left) != len(right):
         found = f"found {len(left)} and {len(right)}"
         raise InputError(f"{left[0].parent}: expected as many left as right images, or names that pair up, {found}")
     return list(zip(left, right, strict=True))
 
 
-def _plain(file: Path) -> str:
+def _plain_name(file: Path) -> str:
     name = re.sub(r"left|right|cam(era)?_?[01](?!\d)", "*", file.stem.lower())
     return re.sub(r"(?<![a-z])[lr](?![a-z])", "*", name)
 
 
 @dataclass(frozen=True, eq=False)
 class BoardRequest:
-    """What is known of a board: None finds a chessboard's counts; its square's side [m]; parts of a ChArUco board that
+    """A board as given: None finds a chessboard's counts; its square's side [m]; parts of a ChArUco board that
     were left open; the lens model, None to choose."""
 
     board: Board | None
@@ -206,10 +229,12 @@ def parse_board(text: str | None, square_m: float, marker: str | None, dictionar
             return Board(cols, rows, square_m)
         marker_m = parse_length(marker, "marker=") if marker else detect.MARKER_SHARES[0] * square_m
         names = detect.dictionaries()
-        chosen = f"DICT_{(dictionary or next(iter(names))).removeprefix('DICT_')}"
-        if chosen not in names:
-            raise InputError(f"expected one of {', '.join(names)}, found {chosen!r}", argument="dictionary")
-        return Board(cols - 1, rows - 1, square_m, chosen, marker_m)
+        name = dictionary or next(iter(names))
+        if not name.startswith("DICT_"):
+            name = f"DICT_{name}"
+        if name not in names:
+            raise InputError(f"expected one of {', '.join(names)}, found {name!r}", argument="dictionary")
+        return Board(cols - 1, rows - 1, square_m, name, marker_m)
     except ValueError as error:
         raise InputError(str(error), argument="board") from error
 
@@ -225,28 +250,32 @@ def calibrate_board(
     images = BoardImages(path)
     board = _board(images, request)
     log.debug("detecting the board")
-    found = _detect(images, board, progress)
-    views = found.views
-    rejected = found.rejected
+    detected = _detect(images, board, progress)
+    views = detected.views
+    rejected = detected.rejected
     if images.is_video or len(views) > 2 * MAX_VIEWS:
-        views = [views[i] for i in select_views(views, board.points, found.sharpness, found.size)]
-        rejected = [] if images.is_video else rejected
-    if not images.is_video and not views:
+        views = [views[index] for index in select_views(views, board.points, detected.sharpness, detected.size)]
+    if images.is_video:
+        rejected = []
+    elif not views:
         raise InputError(f"{path}: expected images of a {board.name}, found it in none of {len(rejected)} pairs")
     log.debug("calibrating")
-    result = solve_board(views, board, found.size, model=request.model, rejected=rejected, source=str(path))
-    files = [*write_rig(result.rig, file, "rig"), *write_rig(result.rig, file.with_suffix(".yml"), "opencv")]
-    return result, [*files, write_report(result, path, file.with_suffix(".html"))]
+    result = solve_board(views, board, detected.size, model=request.model, rejected=rejected, source=str(path))
+    files = write_rig(result.rig, file, "rig")
+    files += write_rig(result.rig, file.with_suffix(".yml"), "opencv")
+    files.append(write_report(result, path, file.with_suffix(".html")))
+    return result, files
 
 
 def _board(images: BoardImages, request: BoardRequest) -> Board:
-    """The board, its counts found or checked."""
+    """The board, its counts searched for or checked."""
     sample = images.sample(4)
-    if request.board is not None and request.board.dictionary:
+    board = request.board
+    if board is not None and board.dictionary:
         return detect.complete_charuco(
-            request.board, sample, any_dictionary=request.any_dictionary, any_marker=request.any_marker
+            board, sample, any_dictionary=request.any_dictionary, any_marker=request.any_marker
         )
-    if request.board is None:
+    if board is None:
         counts = detect.find_counts(sample) or detect.find_counts(images.sample(20))
         if counts is None:
             raise InputError(
@@ -254,13 +283,11 @@ def _board(images: BoardImages, request: BoardRequest) -> Board:
                 "name its inner corners (COLSxROWS) or a ChArUco board's squares (charuco:COLSxROWS)"
             )
         return Board(*counts, request.square_m)
-    counts = detect.larger_counts(sample, (request.board.cols, request.board.rows))
+    counts = detect.larger_counts(sample, (board.cols, board.rows))
     if counts is not None:
-        raise InputError(
-            f"{images.path}: expected a board of {request.board.cols}x{request.board.rows} inner corners, "
-            f"found one of {counts[0]}x{counts[1]}"
-        )
-    return request.board
+        expected = f"a board of {board.cols}x{board.rows} inner corners"
+        raise InputError(f"{images.path}: expected {expected}, found one of {counts[0]}x{counts[1]}")
+    return board
 
 
 class _Detected(NamedTuple):
@@ -273,38 +300,43 @@ class _Detected(NamedTuple):
 
 
 def _detect(images: BoardImages, board: Board, progress: Progress) -> _Detected:
-    """The corners that both images of a pair show and how sharp the lesser image is, or why a pair is of no use."""
+    """Detect the corners that both images of a pair show, and how sharp the lesser image is; name the pairs that are of
+    no use, and why."""
     detector = detect.Detector(board, thorough=not images.is_video)
-    found = _Detected([], [], [], (0, 0))
-    size = (0, 0)
+    detected = _Detected([], [], [], (0, 0))
+    size: tuple[int, int] | None = None
     for done, pair in enumerate(images, 1):
         progress(done, len(images))
         if pair.left is None or pair.right is None:
-            found.rejected.append(RejectedView(pair.name, pair.why))
+            detected.rejected.append(RejectedView(pair.name, pair.why))
             continue
         for side, image in (("left", pair.left), ("right", pair.right)):
-            own = (image.shape[1], image.shape[0])
-            if size not in {(0, 0), own}:
-                sizes = f"{size_text(size)}, found {size_text(own)} in {pair.name} ({side})"
+            image_size = (image.shape[1], image.shape[0])
+            size = size or image_size
+            if size != image_size:
+                sizes = f"{size_text(size)}, found {size_text(image_size)} in {pair.name} ({side})"
                 raise InputError(f"{images.path}: expected images of one size, {sizes}")
-            size = own
         left = detector(pair.left)
         right = detector(pair.right)
         if left is None or right is None:
-            missing = " and ".join(side for side, corners in (("left", left), ("right", right)) if corners is None)
-            found.rejected.append(RejectedView(pair.name, f"no {board.name} found in the {missing} image"))
+            lacking = [side for side, corners in (("left", left), ("right", right)) if corners is None]
+            why = f"no {board.name} found in the {' and '.join(lacking)} image"
+            detected.rejected.append(RejectedView(pair.name, why))
             continue
         view = detect.common_view(pair.name, left, detect.same_order(board, left, right))
         if not detect.spans_a_plane(board, view.ids):
             why = f"only {len(view.ids)} corners of the {board.name} are in both images"
-            found.rejected.append(RejectedView(pair.name, why))
+            detected.rejected.append(RejectedView(pair.name, why))
             continue
-        found.views.append(view)
-        found.sharpness.append(min(sharpness(as_grey(pair.left), left), sharpness(as_grey(pair.right), right)))
-    if size == (0, 0):
-        why = f", e.g. {found.rejected[0].name}: {found.rejected[0].why}" if found.rejected else ""
+        detected.views.append(view)
+        left_sharpness = sharpness(as_grey(pair.left), left)
+        right_sharpness = sharpness(as_grey(pair.right), right)
+        detected.sharpness.append(min(left_sharpness, right_sharpness))
+    if size is None:
+        first = detected.rejected[:1]
+        why = "".join(f", e.g. {view.name}: {view.why}" for view in first)
         raise InputError(f"{images.path}: expected pairs of images, found none that can be read{why}")
-    return found._replace(size=size)
+    return detected._replace(size=size)
 
 
 def write_report(result: BoardCalibration, images: Path, path: Path) -> Path:
@@ -335,6 +367,9 @@ def write_report(result: BoardCalibration, images: Path, path: Path) -> Path:
 def _parameters(result: BoardCalibration) -> list[tuple[str, str, str]]:
     rows = []
     for name, value in rig_parameters(result.rig).items():
+        scale = 1.0
+        unit = ""
+        digits = 6
         if name.startswith("rotation"):
             scale = math.degrees(1)
             unit = "°"
@@ -343,26 +378,30 @@ def _parameters(result: BoardCalibration) -> list[tuple[str, str, str]]:
             scale = 1000.0
             unit = " mm"
             digits = 3
-        else:
-            scale, unit, digits = (1.0, " px", 3) if name.split()[1] in {"fx", "fy", "cx", "cy"} else (1.0, "", 6)
-        shown, deviation = (f"{scale * one:.{digits}f}{unit}" for one in (value, result.std[name]))
+        elif name.split()[1] in {"fx", "fy", "cx", "cy"}:
+            unit = " px"
+            digits = 3
+        shown = f"{scale * value:.{digits}f}{unit}"
+        deviation = f"{scale * result.std[name]:.{digits}f}{unit}"
         rows.append((name, shown, deviation))
     return rows
 
 
 def _rectified_pair(result: BoardCalibration, images: Path) -> tuple[str, U8]:
     """The pair with the median error, rectified side by side with lines across both."""
-    order = np.argsort(result.fit.view_rms_px())
-    name = result.views[int(order[len(order) // 2])].name
+    by_error = np.argsort(result.fit.view_rms_px())
+    median = int(by_error[len(by_error) // 2])
+    name = result.views[median].name
     source = BoardImages(images)
     pair = next(source.at([source.names.index(name)]))
     if pair.left is None or pair.right is None:
         raise ValueError(f"expected {name} to be readable as before")
     rectified = Rectifier(result.rig, RectifyParams(working_px=720))(pair.left, pair.right)
-    both = np.hstack([rectified.left_grey, rectified.right_grey])
-    colour = as_colour(both)
-    for row in np.linspace(0, colour.shape[0] - 1, 18 + 2).astype(int)[1:-1]:
-        cv2.line(colour, (0, int(row)), (colour.shape[1] - 1, int(row)), (60, 200, 60), 1)
+    colour = as_colour(np.hstack([rectified.left_grey, rectified.right_grey]))
+    height, width = colour.shape[:2]
+    rows = np.linspace(0, height - 1, 18 + 2).astype(int)
+    for row in rows[1:-1].tolist():
+        cv2.line(colour, (0, row), (width - 1, row), (60, 200, 60), 1)
     return name, colour
 
 
@@ -373,19 +412,22 @@ def _figure(result: BoardCalibration) -> bytes:
     figure = Figure(figsize=(11, 8), dpi=110, layout="constrained")
     grid = figure.add_gridspec(2, 2, height_ratios=(1.0, 1.4))
     bars = figure.add_subplot(grid[0, :])
-    place, (w, h) = np.arange(len(result.views)), result.rig.left.size
-    for column, (side, colour) in enumerate(zip(SIDES, ("tab:blue", "tab:orange"), strict=True)):
+    places = np.arange(len(result.views))
+    width, height = result.rig.left.size
+    colours = ("tab:blue", "tab:orange")
+    for column, side in enumerate(SIDES):
         errors = [error[column] for error in result.fit.errors]
-        bars.bar(place + 0.4 * column - 0.2, [rms([error]) for error in errors], 0.4, color=colour, label=side)
+        heights = [rms([error]) for error in errors]
+        bars.bar(places + 0.4 * column - 0.2, heights, 0.4, color=colours[column], label=side)
         axes = figure.add_subplot(grid[1, column])
-        found = np.concatenate([view.image_points(side) for view in result.views])
-        arrows = -60.0 * np.concatenate(errors)
-        size = np.linalg.norm(arrows, axis=1)
-        axes.quiver(*found.T, *arrows.T, size, angles="xy", scale_units="xy", scale=1, cmap="viridis", width=0.002)
+        u, v = np.concatenate([view.image_points(side) for view in result.views]).T
+        right, down = -60.0 * np.concatenate(errors).T
+        size = np.hypot(right, down)
+        axes.quiver(u, v, right, down, size, angles="xy", scale_units="xy", scale=1, cmap="viridis", width=0.002)
         title = f"{side}: errors x 60, {100 * result.coverage_share(side):.0f} % of the image covered"
-        axes.set(xlim=(-0.5, w - 0.5), ylim=(h - 0.5, -0.5), aspect="equal", title=title)
+        axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal", title=title)
     bars.axhline(result.fit.rms_px, color="black", lw=0.8, ls="--", label="all")
-    bars.set_xticks(place, [view.name.split()[0] for view in result.views], rotation=90, fontsize=7)
+    bars.set_xticks(places, [view.name.split()[0] for view in result.views], rotation=90, fontsize=7)
     bars.set(ylabel="rms error [px]", title="per view")
     bars.legend(loc="upper right")
     buffer = io.BytesIO()

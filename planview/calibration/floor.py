@@ -89,7 +89,8 @@ class FloorDepths:
     def picture(self, floor: Floor) -> U8:
         """The left image with a metric grid on the floor, and a legend."""
         camera = self.geometry.above(floor.world_SE3_left)
-        return with_legend(draw_grid(self.image, camera.project, floor.extent_m or (-5.0, -5.0, 5.0, 5.0)), _LEGEND)
+        grid = draw_grid(self.image, camera.project, floor.extent_m or (-5.0, -5.0, 5.0, 5.0))
+        return with_legend(grid, _LEGEND)
 
 
 def parse_points(texts: Sequence[str]) -> F64:
@@ -114,32 +115,37 @@ def floor_from_tracks(
     ``calib.floor.find.floor_from_people``); ``path`` is that of the tracks, for messages."""
     rows = tracks.where(np.array(tracks.state == "confirmed") & np.isfinite(tracks.height_m))
     frames = np.unique(rows.frame)
-    picked = frames[np.unique(np.linspace(0, len(frames) - 1, 60).astype(int))] if len(frames) else frames
-    rows = rows.where(np.isin(rows.frame, picked))
+    if len(frames):
+        spread = np.linspace(0, len(frames) - 1, 60).astype(int)
+        frames = frames[np.unique(spread)]
+    rows = rows.where(np.isin(rows.frame, frames))
     world = np.column_stack([rows.x_m, rows.y_m, rows.height_m])
     heads = used.world_SE3_left.inverse() @ world
     feet = np.full_like(heads, np.nan)
-    for frame in recording.at([int(i) for i in picked]):
+    for frame in recording.at(frames.tolist()):
         depth = view.depth_of(frame)
-        for i in np.flatnonzero(rows.frame == frame.index):
-            feet[i] = _foot(depth, view.geometry, rows.box_px[i])
+        for row in np.flatnonzero(rows.frame == frame.index):
+            feet[row] = _foot(depth, view.geometry, rows.box_px[row])
     return floor_from_people(PeopleSeen(rows.track_id, heads, feet), used, str(path))
 
 
 def _foot(depth: F32, geometry: RectifiedGeometry, box: F64) -> F64:
     """(3,) point where the box's lowest band has depth [m], NaN when it is cut off or has none."""
-    height, width = depth.shape
-    left, top, w, h = box
-    bottom = top + h
-    if not np.isfinite(box).all() or bottom > height - 3:
+    image_height, image_width = depth.shape
+    left, top, width, height = box
+    bottom = top + height
+    if not np.isfinite(box).all() or bottom > image_height - 3:
         return np.full(3, np.nan)
     # Feet are searched in this lowest share of a person's box [1].
-    rows = slice(max(0, int(bottom - 0.08 * h)), max(1, int(bottom)))
-    columns = slice(max(0, int(left + 0.25 * w)), min(width, max(1, int(left + 0.75 * w))))
-    band = depth[rows, columns]
+    first_row = max(0, int(bottom - 0.08 * height))
+    last_row = max(1, int(bottom))
+    first_column = max(0, int(left + 0.25 * width))
+    last_column = min(image_width, max(1, int(left + 0.75 * width)))
+    band = depth[first_row:last_row, first_column:last_column]
     if np.isfinite(band).sum() < 5:
         return np.full(3, np.nan)
-    return geometry.rays((left + w / 2, (rows.start + rows.stop) / 2)) * float(np.nanmedian(band))
+    middle = (left + width / 2, (first_row + last_row) / 2)
+    return geometry.rays(middle) * float(np.nanmedian(band))
 
 
 def draw_grid(image: U8, project: Project, extent_m: tuple[float, float, float, float]) -> U8:
@@ -149,10 +155,11 @@ def draw_grid(image: U8, project: Project, extent_m: tuple[float, float, float, 
     for line in grid_lines(project, extent_m, size):
         points = np.rint(line.pixels).astype(np.int32).reshape(-1, 1, 2)
         cv2.polylines(canvas, [points], False, GRID_COLOUR, 1, cv2.LINE_AA)
-    for axis, name in (((1.0, 0.0, 0.0), "x"), ((0.0, 1.0, 0.0), "y")):
+    for name, axis in (("x", (1.0, 0.0, 0.0)), ("y", (0.0, 1.0, 0.0))):
         ends = project(np.array([[0.0, 0.0, 0.0], axis]))
-        if np.isfinite(ends).all():
-            start, end = (tuple(int(v) for v in np.clip(np.rint(p), -9999, 9999)) for p in ends)
-            cv2.arrowedLine(canvas, start, end, AXIS_COLOUR, 2, cv2.LINE_AA)
-            cv2.putText(canvas, name, end, cv2.FONT_HERSHEY_SIMPLEX, 0.6, AXIS_COLOUR, 2, cv2.LINE_AA)
+        if not np.isfinite(ends).all():
+            continue
+        start, end = np.clip(np.rint(ends), -9999, 9999).astype(int).tolist()
+        cv2.arrowedLine(canvas, start, end, AXIS_COLOUR, 2, cv2.LINE_AA)
+        cv2.putText(canvas, name, end, cv2.FONT_HERSHEY_SIMPLEX, 0.6, AXIS_COLOUR, 2, cv2.LINE_AA)
     return canvas

@@ -30,11 +30,13 @@ SIZE_TOLERANCE = 0.15
 
 
 def draw_samples(image: U8, camera: GroundCamera, model: HumanModel, samples: Sequence[HumanSample]) -> U8:
-    """What was given (blue) and what was computed (pink) of each sample (figure 6a), on a copy."""
+    """Draw what was given (blue) and what was computed (pink) of each sample (figure 6a), on a copy."""
     canvas = as_colour(image).copy()
     for sample in samples:
         left, top, width, height = sample.box_px
-        corners = np.array([(left, top), (left + width, top), (left + width, top + height), (left, top + height)])
+        right = left + width
+        bottom = top + height
+        corners = np.array([(left, top), (right, top), (right, bottom), (left, bottom)])
         _outline(canvas, corners, (sample.head_px, sample.foot_px), GIVEN)
         draw_person(canvas, camera, model, camera.back_project(sample.foot_px), COMPUTED)
     return canvas
@@ -43,27 +45,31 @@ def draw_samples(image: U8, camera: GroundCamera, model: HumanModel, samples: Se
 def draw_person(
     canvas: U8, camera: GroundCamera, model: HumanModel, xy_m: ArrayLike, colour: tuple[int, int, int]
 ) -> None:
-    """One computed person: outline, head and foot; nothing where the camera cannot see them."""
-    hull = model.hull(camera, *(float(v) for v in np.asarray(xy_m)))
+    """Draw one computed person: outline, head and foot; nothing where the camera cannot see them."""
+    hull = model.hulls(camera, xy_m)
     if np.isfinite(hull).all():
         _outline(canvas, hull, (model.head(camera, xy_m), model.foot(camera, xy_m)), colour)
 
 
 def _outline(canvas: U8, corners: F64, dots: Sequence[ArrayLike], colour: tuple[int, int, int]) -> None:
-    """A closed line through (N, 2) corners, with dots."""
-    cv2.polylines(canvas, [np.rint(corners).astype(np.int32).reshape(-1, 1, 2)], True, colour, 1, cv2.LINE_AA)
-    for u, v in (np.asarray(dot, dtype=np.float64) for dot in dots):
+    """Draw a closed line through (N, 2) corners, and dots."""
+    points = np.rint(corners).astype(np.int32).reshape(-1, 1, 2)
+    cv2.polylines(canvas, [points], True, colour, 1, cv2.LINE_AA)
+    for dot in dots:
+        u, v = np.asarray(dot, dtype=np.float64).tolist()
         if math.isfinite(u + v) and max(abs(u), abs(v)) < 1e5:
-            cv2.circle(canvas, (round(float(u)), round(float(v))), 3, colour, -1, cv2.LINE_AA)
+            cv2.circle(canvas, (round(u), round(v)), 3, colour, -1, cv2.LINE_AA)
 
 
 def floor_around(camera: GroundCamera, samples: Sequence[HumanSample]) -> tuple[float, float, float, float] | None:
     """The floor 2 m around where people of samples stand [m]; None where none stands on it."""
-    feet = camera.back_project(np.array([s.foot_px for s in samples]).reshape(-1, 2))
+    pixels = np.array([sample.foot_px for sample in samples])
+    feet = camera.back_project(pixels.reshape(-1, 2))
     feet = feet[np.isfinite(feet).all(axis=1)]
     if not len(feet):
         return None
-    (x_min, y_min), (x_max, y_max) = (feet.min(axis=0) - 2.0).tolist(), (feet.max(axis=0) + 2.0).tolist()
+    x_min, y_min = (feet.min(axis=0) - 2.0).tolist()
+    x_max, y_max = (feet.max(axis=0) + 2.0).tolist()
     return x_min, y_min, x_max, y_max
 
 
@@ -71,12 +77,15 @@ def crowd(camera: GroundCamera, model: HumanModel) -> F64:
     """(N, 2) floor positions [m] with feet on an even grid of pixels, where a whole person is in the image."""
     u = (np.arange(6) + 0.5) / 6 * camera.width
     v = (np.arange(4) + 1.0) / 4 * camera.height * 0.98
-    feet = camera.back_project(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
-    feet = feet[np.isfinite(feet).all(axis=1) & (np.hypot(feet[:, 0], feet[:, 1]) < 60.0)]
+    pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+    feet = camera.back_project(pixels)
+    is_near = np.isfinite(feet).all(axis=1) & (np.hypot(feet[:, 0], feet[:, 1]) < 60.0)
+    feet = feet[is_near]
     boxes = model.boxes(camera, feet)
-    far = boxes[:, :2] + boxes[:, 2:]
-    inside = (boxes[:, :2] > 0).all(axis=1) & (far < np.array(camera.size)).all(axis=1)
-    return np.asarray(feet[inside])
+    left_top = boxes[:, :2]
+    right_bottom = left_top + boxes[:, 2:]
+    is_whole = (left_top > 0).all(axis=1) & (right_bottom < np.array(camera.size)).all(axis=1)
+    return np.asarray(feet[is_whole])
 
 
 def collect_samples(
@@ -104,8 +113,9 @@ def collect_samples(
     walking = [path for path in paths if path.walks]
     walkers = [sample for path in walking for sample in path.samples]
     name = str(video.path)
-    upright = [s for s in walkers if s.head_px != s.foot_px]
-    bodies = upright if len(upright) >= 0.5 * len(walkers) else walkers
+    bodies = [sample for sample in walkers if sample.head_px != sample.foot_px]
+    if len(bodies) < 0.5 * len(walkers):
+        bodies = walkers
     if len(bodies) < MIN_SAMPLES:
         found = f"{len(bodies)} sightings of a whole person apart from others in {video.n_frames} frames"
         raise WorkError(
@@ -113,36 +123,40 @@ def collect_samples(
             "stand still, and people must cross the view one by one, head and feet inside it and at least "
             f"{MIN_SIZE:.0%} of its height; else mark people by hand"
         )
-    usual = usual_sizes(bodies)
+    is_usual = usual_sizes(bodies)
     # Share of the blobs that must have one person's size to have a usual size [1].
-    if usual.sum() < max(MIN_SAMPLES, 0.35 * len(bodies)):
+    if is_usual.sum() < max(MIN_SAMPLES, 0.35 * len(bodies)):
         raise WorkError(
-            f"{name}: expected walkers of one person's size each, found {usual.mean():.0%} of {len(bodies)} blobs of "
-            "one size: people hide each other too much, mark samples by hand instead"
+            f"{name}: expected walkers of one person's size each, found {is_usual.mean():.0%} of {len(bodies)} blobs "
+            "of one size: people hide each other too much, mark samples by hand instead"
         )
-    chosen = choose_spread([s for s, ok in zip(bodies, usual, strict=True) if ok], count)
+    chosen = choose_spread([bodies[i] for i in np.flatnonzero(is_usual)], count)
     # A lone walker is worth eight independent samples (the same body at other places).
     return chosen, max(len(walking), 8)
 
 
 def usual_sizes(samples: Sequence[HumanSample]) -> Bool:
-    """(n,) whether the size is that of most people at its place.
+    """(n,) mask of the samples of the size of most people at their place.
 
     A standing person's size in the image is linear in the foot's pixel, but for steep cameras nearly so; of the planes
     through three samples the one is taken that most samples lie on.
     """
-    feet = np.array([s.foot_px for s in samples])
-    sizes = np.array([s.diagonal_px for s in samples])
+    feet = np.array([sample.foot_px for sample in samples])
+    sizes = np.array([sample.diagonal_px for sample in samples])
     terms = np.column_stack([np.ones(len(feet)), feet])
     rng = np.random.default_rng(0)
     best = np.zeros(len(sizes), dtype=np.bool_)
     for _ in range(400):
-        chosen = rng.choice(len(sizes), 3, replace=False)
-        if abs(np.linalg.det(terms[chosen])) >= 1.0:
-            expected = terms @ np.linalg.solve(terms[chosen], sizes[chosen])
-            fits = np.abs(sizes - expected) < SIZE_TOLERANCE * np.maximum(expected, 1.0)
-            best = max(best, fits, key=np.count_nonzero)
-    return best if best.any() else np.abs(sizes - np.median(sizes)) < SIZE_TOLERANCE * sizes
+        three = rng.choice(len(sizes), 3, replace=False)
+        if abs(np.linalg.det(terms[three])) < 1.0:
+            continue
+        expected = terms @ np.linalg.solve(terms[three], sizes[three])
+        is_fit = np.abs(sizes - expected) < SIZE_TOLERANCE * np.maximum(expected, 1.0)
+        if is_fit.sum() > best.sum():
+            best = is_fit
+    if best.any():
+        return best
+    return np.asarray(np.abs(sizes - np.median(sizes)) < SIZE_TOLERANCE * sizes)
 
 
 def people_picture(

@@ -39,5 +39,5 @@ class CrossingVideo:
 
     def _paint(self, image: U8, t: float) -> None:
         for x, y, colour in ((0.8 * t - 2, 6.0, (20, 20, 200)), (2 - 0.8 * t, 7.0, (200, 40, 20))):
-            hull = HumanModel().hull(CAMERA, x, y)
+            hull = HumanModel().hulls(CAMERA, (x, y))
             cv2.fillConvexPoly(image, np.rint(hull).astype(np.int32), colour)

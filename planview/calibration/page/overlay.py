@@ -34,7 +34,7 @@ def overlay(session: CalibrationSession, everywhere: bool = False) -> str:
 
         def hull(xy_m: F64) -> F64:
             """Closed outline of a person; empty where the camera does not show it."""
-            outline = found.model.hull(found.camera, float(xy_m[0]), float(xy_m[1]))
+            outline = found.model.hulls(found.camera, xy_m)
             return np.vstack([outline, outline[:1]]) if np.isfinite(outline).all() else outline[:0]
 
         people = [(hull(xy), "crowd") for xy in crowd(found.camera, found.model)] if everywhere else []
