@@ -84,11 +84,12 @@ def limit_check(
     needed: bool = False, warns: bool = False, std: float = math.nan,
 ) -> Check:  # fmt: skip
     """Passes inside the limits; a value that could not be measured fails only when it is needed."""
-    low = -math.inf if least is None else least
-    high = math.inf if most is None else most
-    ok = low <= value <= high or (math.isnan(value) and not needed)
-    if least is not None and most is not None:
-        return Check(name, ok, value, unit, (least, most), "between", note, warns, std)
+    limit: Limit = most
+    rule = "reported" if most is None else "at most"
     if least is not None:
-        return Check(name, ok, value, unit, least, "at least", note, warns, std)
-    return Check(name, ok, value, unit, most, "reported" if most is None else "at most", note, warns, std)
+        limit = least if most is None else (least, most)
+        rule = "at least" if most is None else "between"
+    is_low = least is not None and value < least
+    is_high = most is not None and value > most
+    ok = not (is_low or is_high or (math.isnan(value) and needed))
+    return Check(name, ok, value, unit, limit, rule, note, warns, std)

@@ -44,7 +44,7 @@ from stereo.floor import DepthFrames, FloorSearch, PairFrames, frames_of_one_vie
 from stereo.readers import OpenOptions, find_layout, holds_pair, open_any, open_video
 from stereo.readers.open import SeveralSensors, is_multi_rig, open_rigs
 from stereo.recording import Frame, Recording, Shot, SingleCamera, refuse_untimed
-from stereo.viewpoint import SpreadView, Standing, Viewpoints
+from stereo.viewpoint import Standing, Viewpoints
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,10 +129,11 @@ def _examine_depth(
         floor = seen.floor()
     except WorkError as error:
         refused = str(error)
-    run = _liveliest_run(recording, seen.frames, frames)
+    count = max(3, min(frames, recording.n_frames))
+    run = _liveliest_run(recording, seen.frames, count)
     checks = [
         Check("calibration and layout", True, math.nan, note=recording.sensor.source),
-        *_time_checks(recording, seen.view, run, frames, search),
+        *frame_checks(recording, seen.view.shots, run, min(search.frames, recording.n_frames) + count),
         *spread_checks(seen.view),
         *still_checks(seen, run),
         *CHECKS[type(seen)](seen, run),
@@ -172,21 +173,9 @@ def _liveliest_run(recording: Recording[Any], spread: Sequence[Frame[Any]], coun
     change = (np.abs(small - np.median(small, axis=0)) > 25).mean(axis=1)
     # A change of light changes everything: it is no movement.
     change[change > 0.5] = 0.0
-    count = _run_length(recording, count)
     middle = spread[int(np.argmax(change))].index
     first = max(0, min(middle - count // 2, recording.n_frames - count))
     return recording.at(list(range(first, min(first + count, recording.n_frames))))
-
-
-def _run_length(recording: Recording[Any], count: int) -> int:
-    return max(3, min(count, recording.n_frames))
-
-
-def _time_checks(
-    recording: Recording[Any], view: SpreadView, run: Sequence[Frame[Any]], count: int, search: FloorSearch
-) -> list[Check]:
-    asked = min(search.frames, recording.n_frames) + _run_length(recording, count)
-    return frame_checks(recording, view.shots, run, asked)
 
 
 def _video_of_one(path: Path, options: OpenOptions) -> Recording[SingleCamera] | None:
@@ -216,11 +205,12 @@ def _examine_one(
     times."""
     refuse_untimed(video)
     spread, view = frames_of_one_view(video, search.frames)
-    run = _liveliest_run(video, spread, frames)
+    count = max(3, min(frames, video.n_frames))
+    run = _liveliest_run(video, spread, count)
     note = "one camera, no calibration: places are in pixels" if camera is None else "one camera, calibrated"
     checks = [
         Check("calibration and layout", True, math.nan, note=note),
-        *_time_checks(video, view, run, frames, search),
+        *frame_checks(video, view.shots, run, min(search.frames, video.n_frames) + count),
         *_checks_of_images(spread, run),
     ]
     if view.elsewhere:

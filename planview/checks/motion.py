@@ -14,7 +14,7 @@ from calib.carried import Carried
 from calib.images import as_grey
 from calib.types import F64, U8, AnyArray, Bool
 from planview.checks.check import Check, limit_check
-from planview.checks.timing import GROUPS, LONGEST_LAG, MIN_FRAMES, SURELY, WINDOW, Lag, lag_of
+from planview.checks.timing import GROUPS, LONGEST_LAG, MAX_LAG, MIN_FRAMES, SURELY, WINDOW, Lag, lag_of
 from stereo.floor import DepthFrames, PairFrames
 from stereo.recording import Frame, Shot
 from stereo.thumbnails import STEP_PX, Thumbnails
@@ -168,8 +168,7 @@ class MotionWatch(Carried):
             limit_check("repeated pairs", self.repeated, "", copies, most=MAX_REPEATED),
         ]
         if self._is_pair:
-            lag, apart = self._lag(steps)
-            checks.append(lag.check("synchronisation", second, apart=apart))
+            checks.append(self._lag(steps).check("synchronisation", second))
         return checks
 
     @property
@@ -196,11 +195,11 @@ class MotionWatch(Carried):
         time_s, moved_share, *flags = self._rows[: self._count].T
         return PairChanges(time_s, moved_share, *(np.asarray(flag > 0) for flag in flags))
 
-    def _lag(self, steps: PairChanges) -> tuple[Lag, bool]:
-        """The lag over all the time, or over its first half or its end where that leaves less doubt; and whether the
-        cameras are apart by it, or as far apart as pictures that were written twice leave them."""
+    def _lag(self, steps: PairChanges) -> Lag:
+        """The lag over all the time, or over its first half or its end where that leaves less doubt; one without doubt
+        where pictures that were written twice leave the cameras as far apart."""
         if not steps.is_active.any() or not self._bands:
-            return Lag(), False
+            return Lag()
         left, right = np.stack(self._bands, axis=1)
         count = len(left)
         lag = lag_of(left, right)
@@ -213,14 +212,12 @@ class MotionWatch(Carried):
                 part_lag = lag_of(left[part], right[part])
                 if part_lag.gain >= SURELY and not lag.gain >= part_lag.gain:
                     lag = part_lag
-        if lag.apart:
-            return lag, True
         behind, since = pictures_behind(steps)
-        if behind and MIN_FRAMES <= since < count:
+        if not lag.apart and behind and MIN_FRAMES <= since < count:
             lag_since = lag_of(left[-since:], right[-since:])
-            if math.isfinite(lag_since.frames) and round(lag_since.frames) == behind:
-                return lag_since, True
-        return lag, False
+            if abs(lag_since.frames - behind) < MAX_LAG:
+                return lag_since._replace(gain=math.inf)
+        return lag
 
 
 def moved_pixels(before: AnyArray, now: AnyArray) -> Bool:

@@ -197,7 +197,7 @@ def registration_checks(spread: Sequence[Frame[Shot]], run: Sequence[Frame[Shot]
     if place.finding:  # depth of another place is worse, of another view useless
         check = explained_check(check.name, place.finding, "", warns=place.finding.hypothesis.remedy == REGISTER)
     lag = Lag() if check.failed else delay_of(run)
-    return [check, lag.check("depth delay", "depth", " of its image", apart=lag.apart)]
+    return [check, lag.check("depth delay", "depth", " of its image")]
 
 
 def run_checks(recording: Recording[Any]) -> list[Check]:

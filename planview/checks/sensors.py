@@ -255,14 +255,17 @@ def _points(depth: F32, geometry: RectifiedGeometry, world_SE3_left: SE3) -> Flo
 def agreement_check(first: SensorPaths, second: SensorPaths) -> Check:
     """The distance at which two sensors see the same people, and what would let them agree."""
     name = f"{first.name} and {second.name}: people apart"
-    agreement = agree(first.paths(second.camera), second.paths(first.camera))
-    if agreement is None:
+    paths = first.paths(second.camera)
+    others = second.paths(first.camera)
+    corrections = _corrections(paths, others)
+    distances_m = _apart_as_given(corrections[0] if corrections else AS_GIVEN, paths, others)
+    if not len(distances_m):
         return limit_check(name, math.nan, "m", "nobody walked where both sensors look", most=APART_M, warns=True)
-    causes = [_cause(second, motion) for motion in agreement.corrections]
+    median_m = float(np.median(distances_m))
     note = "median distance between the places of people whom both see"
-    if causes and agreement.apart_m > APART_M:
-        note += f"; they would agree with {' or '.join(causes)}"
-    return limit_check(name, agreement.apart_m, "m", note, most=APART_M, warns=True)
+    if corrections and median_m > APART_M:
+        note += f"; they would agree with {' or '.join(_cause(second, motion) for motion in corrections)}"
+    return limit_check(name, median_m, "m", note, most=APART_M, warns=True)
 
 
 def _cause(sensor: SensorPaths, motion: RigAlignment) -> str:
@@ -278,34 +281,18 @@ def _cause(sensor: SensorPaths, motion: RigAlignment) -> str:
     )
 
 
-@dataclass(frozen=True)
-class Agreement:
-    """Median distance at which two sensors see the same people [m], and corrections that would let them agree: none
-    where they do."""
+def _corrections(first: Paths, second: Paths) -> list[RigAlignment]:
+    """Another clock or pose of the second sensor under which people meet for clearly longer, the better one first."""
 
-    apart_m: float
-    corrections: tuple[RigAlignment, ...] = ()
+    def together_s(motion: RigAlignment) -> float:
+        return met_s(motion, first, second)
 
-
-def agree(first: Paths, second: Paths) -> Agreement | None:
-    """Lay the paths of one sensor over those of another, as they are given and under other clocks and poses; None where
-    nobody walks in both views."""
-    given_s = met_s(AS_GIVEN, first, second)
-    clock = _other_clock(first, second)
-    pose = _other_pose(first, second)
-    clock_s = met_s(clock, first, second)
-    pose_s = met_s(pose, first, second)
-    longest_s = max(clock_s, pose_s)
-    motion = AS_GIVEN
-    corrections = []
-    if longest_s > max(BETTER * given_s, given_s + BETTER_S):
-        motion = clock if clock_s == longest_s else pose
-        if clock_s >= RIVALS * longest_s:
-            corrections.append(clock)
-        if pose_s >= RIVALS * longest_s:
-            corrections.append(pose)
-    apart = _apart_as_given(motion, first, second)
-    return Agreement(float(np.median(apart)), tuple(corrections)) if len(apart) else None
+    motions = sorted([_other_clock(first, second), _other_pose(first, second)], key=together_s, reverse=True)
+    longest_s = together_s(motions[0])
+    given_s = together_s(AS_GIVEN)
+    if longest_s <= max(BETTER * given_s, given_s + BETTER_S):
+        return []
+    return [motion for motion in motions if together_s(motion) >= RIVALS * longest_s]
 
 
 def _apart_as_given(motion: RigAlignment, first: Paths, second: Paths) -> F64:

@@ -51,8 +51,9 @@ class Lag(NamedTuple):
         """True if the cameras are surely apart: it explains their movement better than no lag does."""
         return best(self, LATE.values(), lag_score, margin=math.exp(0.5 * SURELY**2)) is not None
 
-    def check(self, name: str, what: str, against: str = "", *, apart: bool) -> Check:
+    def check(self, name: str, what: str, against: str = "") -> Check:
         """The lag of ``what`` as a check."""
+        apart = self.apart
         note = f"offset of the {what}, by movement"
         if math.isfinite(self.frames):
             note = f"{what} {'ahead' if self.frames < 0 else 'late'}{against}, by movement"
