@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import partial
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -19,6 +19,14 @@ from stereo.depth import RectifiedGeometry
 
 _PATCH = 7
 """Half side of a matched patch [px]."""
+_SIDE = (2 * _PATCH + 1, 2 * _PATCH + 1)
+_TRACKED: dict[str, Any] = {
+    "winSize": _SIDE,
+    "maxLevel": 0,
+    "criteria": (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.003),
+    "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
+}
+"""How patches are followed, from guesses on (Lucas and Kanade 1981)."""
 _SIMILARITY_MIN = 0.9
 """Smallest normalised correlation of two patches that count as a match."""
 _SEARCHED_PX = 640
@@ -118,10 +126,14 @@ def measure_correction(
 ) -> RigCorrection:
     """Correction of a calibration from left and right (H, W) uint8 images, rectified by it as it is, with the largest
     disparity that can occur [px] (see ``match_corners``)."""
-    match = partial(match_corners, disparity_max_px=disparity_max_px, search_px=math.ceil(_SEARCH * geometry.width))
+    search_px = math.ceil(_SEARCH * geometry.width)
+
+    def match(pair: tuple[U8, U8]) -> F64:
+        return match_corners(*pair, disparity_max_px, search_px=search_px)
+
     with ThreadPoolExecutor(2) as pool:  # correlation releases Python's lock
-        found = list(pool.map(lambda pair: match(*pair), pairs))
-    return fit_correction(np.concatenate([np.empty((0, 4)), *found]), geometry)
+        matches = list(pool.map(match, pairs))
+    return fit_correction(np.concatenate([np.empty((0, 4)), *matches]), geometry)
 
 
 def fit_correction(matches: F64, geometry: RectifiedGeometry) -> RigCorrection:
@@ -142,41 +154,53 @@ def fit_correction(matches: F64, geometry: RectifiedGeometry) -> RigCorrection:
     """
     if len(matches) == 0:
         return RigCorrection()
-    left, right = _rays(matches, geometry)
-    before = float(np.median(np.abs(_row_offset(np.zeros(7), left, right)))) * geometry.focal_v_px
+    rays = _rays(matches, geometry)
+    before_px = _median_offset(np.zeros(7), *rays) * geometry.focal_v_px
     cells = _cell_medians(matches, geometry.width / _CELLS)
     if len(cells) < _CELLS_MIN:
-        return RigCorrection(before_px=before, after_px=before)
-    left_cells, right_cells = _rays(cells, geometry)
+        return RigCorrection(before_px=before_px, after_px=before_px)
+    cell_rays = _rays(cells, geometry)
     # Turns a, b of the cameras are independent, and so are b - a, the pose, and -(a + b) / 2, the baseline.
-    prior = np.array([math.radians(_MOUNT_DEG)] * 5 + [_LENS] * 2) * np.sqrt([2.0] * 3 + [0.5] * 2 + [2.0] * 2)
+    mount = math.radians(_MOUNT_DEG)
+    pose = [mount * math.sqrt(2.0)] * 3
+    baseline = [mount * math.sqrt(0.5)] * 2
+    lens = [_LENS * math.sqrt(2.0)] * 2
+    prior = np.array(pose + baseline + lens)
     alike = np.array([_FIXED, math.radians(_YAW_DEG), _FIXED])
-    noise = _NOISE_MIN_PX / geometry.focal_v_px
-    noise = max(noise, _fitted(left_cells, right_cells, prior, noise)[3])  # the same for all answers
+    noise_min = _NOISE_MIN_PX / geometry.focal_v_px
+    noise = max(noise_min, _fit_offsets(*cell_rays, prior, noise_min).noise)  # the same for all answers
     answers = np.array(list(itertools.product((False, True), repeat=3)))
-    found = np.empty((8, 3))
-    spread = np.empty((8, 3))
-    evidence = np.empty(8)
-    for n, turned in enumerate(answers):
-        std = np.append(np.hypot(alike, np.where(turned, prior[:3], 0.0)), prior[3:])
-        values, covariance, evidence[n], _ = _fitted(left_cells, right_cells, std, noise)
-        found[n] = values[:3]
-        spread[n] = np.diag(covariance)[:3] + alike**2
-        evidence[n] += math.log(_TURNED / (1.0 - _TURNED)) * int(turned.sum())
-    share = np.exp(evidence - evidence.max())[:, None] * answers
+    means = np.empty((8, 3))
+    variances = np.empty((8, 3))
+    log_odds = np.empty(8)
+    for n, is_turned in enumerate(answers):
+        std = np.append(np.hypot(alike, np.where(is_turned, prior[:3], 0.0)), prior[3:])
+        fit = _fit_offsets(*cell_rays, std, noise)
+        means[n] = fit.values[:3]
+        variances[n] = np.diag(fit.covariance)[:3] + alike**2
+        log_odds[n] = fit.log_evidence + math.log(_TURNED / (1.0 - _TURNED)) * int(is_turned.sum())
+    odds = np.exp(log_odds - log_odds.max())
+    share = odds[:, None] * answers
     weight = share / share.sum(axis=0)
-    angles = (weight * found).sum(axis=0)
-    deviations = np.sqrt((weight * (spread + (found - angles) ** 2)).sum(axis=0))
-    turn = RigCorrection(angles, deviations, share.sum(axis=0) / np.exp(evidence - evidence.max()).sum(), before)
-    left_over = _row_offset(np.append(turn.applied, np.zeros(4)), left, right)
-    return replace(turn, after_px=float(np.median(np.abs(left_over))) * geometry.focal_v_px)
+    angles = (weight * means).sum(axis=0)
+    deviations = np.sqrt((weight * (variances + (means - angles) ** 2)).sum(axis=0))
+    turn = RigCorrection(angles, deviations, share.sum(axis=0) / odds.sum(), before_px)
+    after = _median_offset(np.append(turn.applied, np.zeros(4)), *rays)
+    return replace(turn, after_px=after * geometry.focal_v_px)
 
 
-def _fitted(left: F64, right: F64, prior: F64, noise_min: float) -> tuple[F64, F64, float, float]:
-    """The values of ``_row_offset``, their covariance, the log of their evidence with this noise, and the noise that
-    was found.
+class _Fit(NamedTuple):
+    """The values of ``_row_offset``, their covariance, the log of their evidence, and the noise of an offset."""
 
-    Reweighted least squares on (N, 3) rays.
+    values: F64
+    covariance: F64
+    log_evidence: float
+    noise: float
+
+
+def _fit_offsets(left: F64, right: F64, prior: F64, noise_min: float) -> _Fit:
+    """Fit the values of ``_row_offset`` to (N, 3) rays by reweighted least squares; their evidence is with the least
+    noise.
 
     Args:
         prior: (7,) standard deviations of a Gaussian about 0.
@@ -187,7 +211,8 @@ def _fitted(left: F64, right: F64, prior: F64, noise_min: float) -> tuple[F64, F
     penalty = np.diag(prior**-2.0)
     for _ in range(_ROUNDS):
         error = _row_offset(values, left, right)
-        slopes = np.stack([(_row_offset(values + step, left, right) - error) / small for step in small * np.eye(7)])
+        moved = np.stack([_row_offset(values + step, left, right) for step in small * np.eye(7)])
+        slopes = (moved - error) / small
         # The noise is known from what the last round left only.
         scale = max(1.4826 * float(np.median(np.abs(error))), noise_min)
         outlying = np.maximum(np.abs(error) / (_HUBER * scale), 1.0)
@@ -197,9 +222,16 @@ def _fitted(left: F64, right: F64, prior: F64, noise_min: float) -> tuple[F64, F
     near = slopes[:, outlying == 1.0].T / scale
     information = near.T @ near + penalty
     off = np.abs(_row_offset(values, left, right)) / noise_min
-    cost = np.where(off < _HUBER, off * off, _HUBER * (2.0 * off - _HUBER)).sum() + values @ penalty @ values
+    huber = np.where(off < _HUBER, off * off, _HUBER * (2.0 * off - _HUBER))
+    cost = float(huber.sum() + values @ penalty @ values)
     occam = float(np.linalg.slogdet(penalty)[1] - np.linalg.slogdet(information)[1])
-    return values, np.asarray(np.linalg.inv(information), np.float64), 0.5 * (occam - float(cost)), scale
+    covariance = np.asarray(np.linalg.inv(information), np.float64)
+    return _Fit(values, covariance, 0.5 * (occam - cost), scale)
+
+
+def _median_offset(values: F64, left: F64, right: F64) -> float:
+    """Median absolute ``_row_offset``."""
+    return float(np.median(np.abs(_row_offset(values, left, right))))
 
 
 def _row_offset(values: F64, left: F64, right: F64) -> F64:
@@ -222,11 +254,14 @@ def _rays(matches: F64, geometry: RectifiedGeometry) -> tuple[F64, F64]:
 
 def _cell_medians(matches: F64, side_px: float) -> F64:
     """(M, 4) the match with the median row offset in every square of the left image, of each depth seen there."""
-    cell = np.column_stack([matches[:, :2], 4.0 * (matches[:, 0] - matches[:, 2])])
+    disparity = matches[:, 0] - matches[:, 2]
+    cell = np.column_stack([matches[:, :2], 4.0 * disparity])
     _, index = np.unique(np.floor(cell / side_px), axis=0, return_inverse=True)
-    counts = np.bincount(index.reshape(-1))
-    order = np.lexsort((matches[:, 3], index.reshape(-1)))
-    return np.asarray(matches[order[np.cumsum(counts) - (counts + 2) // 2]], dtype=np.float64)
+    index = index.reshape(-1)
+    order = np.lexsort((matches[:, 3], index))
+    counts = np.bincount(index)
+    middles = np.cumsum(counts) - (counts + 2) // 2
+    return np.asarray(matches[order[middles]], dtype=np.float64)
 
 
 def match_corners(
@@ -250,8 +285,8 @@ def match_corners(
     # Corners whose patch is inside the picture and not saturated.
     usable = ((left > 0) & (left < 250)).astype(np.uint8)
     n = max(1, round(left.shape[1] / _SEARCHED_PX))
-    patch = np.ones((2 * n * (_PATCH + 1) - 1,) * 2, np.uint8)
-    matchable = cv2.erode(usable, patch, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    side = 2 * n * (_PATCH + 1) - 1
+    matchable = cv2.erode(usable, np.ones((side, side), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0)
     corners = cv2.goodFeaturesToTrack(left, features, 0.01, 2.0 * _PATCH, mask=matchable)
     if corners is None:
         return np.empty((0, 4))
@@ -259,8 +294,8 @@ def match_corners(
     size = left.shape[1] // n, left.shape[0] // n
     a, b = (np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8) for image in (left, right))
     span = math.floor(disparity_min_px / n), math.ceil(disparity_max_px / n)
-    found_at = [_search(a, b, point, span, math.ceil(search_px / n)) for point in (points + 0.5) / n - 0.5]
-    guesses = np.asarray(n * (np.array(found_at, dtype=np.float32) + 0.5) - 0.5, dtype=np.float32)
+    places = [_search(a, b, point, span, math.ceil(search_px / n)) for point in (points + 0.5) / n - 0.5]
+    guesses = np.asarray(n * (np.array(places, dtype=np.float32) + 0.5) - 0.5, dtype=np.float32)
     good = np.isfinite(guesses).all(axis=1)
     points = points[good]
     guesses = guesses[good]
@@ -268,27 +303,25 @@ def match_corners(
         return np.empty((0, 4))
     # Lucas-Kanade compares values, and each camera may expose for itself: the right image gets the brightness and
     # contrast that the left one has in matched patches.
-    side = 2 * _PATCH + 1
-    (mean, std), (other_mean, other_std) = (
-        np.median([cv2.meanStdDev(cv2.getRectSubPix(image, (side, side), at.tolist())) for at in places[:50]], axis=0)
-        for image, places in ((left, points), (right, guesses))
-    )
-    gain = float(std.item() / max(other_std.item(), 1.0))
-    bright = cv2.convertScaleAbs(right, alpha=gain, beta=mean.item() - gain * other_mean.item())
+    mean, std = _light_of(left, points)
+    other_mean, other_std = _light_of(right, guesses)
+    gain = std / max(other_std, 1.0)
+    bright = cv2.convertScaleAbs(right, alpha=gain, beta=mean - gain * other_mean)
     # Sub-pixel places in the right image, of those that lead back to where they came from.
-    start = points.reshape(-1, 1, 2)
-    window = (side, side)
-    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.003)
-    flags = cv2.OPTFLOW_USE_INITIAL_FLOW
-    track = partial(cv2.calcOpticalFlowPyrLK, winSize=window, maxLevel=0, criteria=criteria, flags=flags)
-    there, found, _ = track(left, bright, start, guesses.reshape(-1, 1, 2).copy())
-    back, found_back, _ = track(bright, left, there, start.copy())
-    there = there.reshape(-1, 2).astype(np.float64)
-    back = back.reshape(-1, 2)
-    kept = (found.reshape(-1) == 1) & (found_back.reshape(-1) == 1)
+    there, is_there = cv2.calcOpticalFlowPyrLK(left, bright, points, guesses.copy(), **_TRACKED)[:2]
+    back, is_back = cv2.calcOpticalFlowPyrLK(bright, left, there, points.copy(), **_TRACKED)[:2]
+    kept = (is_there[:, 0] == 1) & (is_back[:, 0] == 1)
+    there = there.astype(np.float64)
     kept &= (np.hypot(*(back - points).T) < 0.3) & (np.hypot(*(there - guesses).T) < 2.0)
     u, v = points[kept].T.astype(np.float64)
     return np.column_stack([u, v, there[kept, 0], there[kept, 1] - v])
+
+
+def _light_of(image: U8, points: F32) -> tuple[float, float]:
+    """Usual mean and deviation of an image around the first 50 of some points."""
+    patches = [cv2.getRectSubPix(image, _SIDE, point.tolist()) for point in points[:50]]
+    mean, std = np.median([cv2.meanStdDev(patch) for patch in patches], axis=0)
+    return float(mean.item()), float(std.item())
 
 
 def _search(left: U8, right: U8, point: F32, span: tuple[int, int], search_px: int) -> tuple[float, float]:
