@@ -115,14 +115,23 @@ def significant_errors(
 ) -> list[SignificantError]:
     """All significant errors by frame, of histories of every person of the truth, of every track that was ever
     confirmed and of every one that was ever lost; a track is false once, for its confirmed or its predicted rows."""
-    visits = [visit for person in people for visit in split_visits(person, frame_s)]
-    errors = [error for visit in visits for error in _visit_errors(visit, frame_s)]
+    visits: list[PersonHistory] = []
+    errors: list[SignificantError] = []
+    for person in people:
+        visits += split_visits(person, frame_s)
+    for visit in visits:
+        errors += _visit_errors(visit, frame_s)
     errors += _identity_errors(visits, frame_s)
     errors += _transfers(visits, frame_s)
-    false = [error for track in tracks for error in _stray_errors(track, frame_s)]
-    known = {error.track_id for error in false}
-    false += [e for p in predictions if p.track_id not in known for e in _prediction_errors(p, frame_s)]
-    return sorted(errors + false, key=lambda e: (e.frame, e.kind, e.truth_id or 0, e.track_id or 0))
+    false_tracks = set()
+    for track in tracks:
+        for error in _stray_errors(track, frame_s):
+            false_tracks.add(error.track_id)
+            errors.append(error)
+    for prediction in predictions:
+        if prediction.track_id not in false_tracks:
+            errors += _prediction_errors(prediction, frame_s)
+    return sorted(errors, key=lambda error: (error.frame, error.kind, error.truth_id or 0, error.track_id or 0))
 
 
 def grouped_events(errors: Sequence[SignificantError], within_frames: float) -> list[list[SignificantError]]:
@@ -274,8 +283,8 @@ def _changes(visit: PersonHistory, held: list[tuple[int, int, int]], frame_s: fl
 def _stray_errors(track: TrackHistory, frame_s: float) -> Iterator[SignificantError]:
     """The part of a track with the most stray frames, where matches shorter than PERSIST_S do not divide it."""
     parts = runs(~_without_blips(~track.stray, PERSIST_S / frame_s))
-    counted = [(int(np.count_nonzero(track.stray[start:stop])), start, stop) for start, stop in parts]
-    n_stray, start, stop = max(counted, key=lambda part: part[0], default=(0, 0, 0))
+    start, stop = max(parts, key=lambda part: np.count_nonzero(track.stray[slice(*part)]), default=(0, 0))
+    n_stray = int(np.count_nonzero(track.stray[start:stop]))
     stray_s = n_stray * frame_s
     if stray_s >= FALSE_TRACK_S:
         within = f" of {(stop - start) * frame_s:.1f} s" if n_stray < stop - start else ""

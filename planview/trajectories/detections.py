@@ -58,17 +58,20 @@ class Detections:
     def of(frames: Sequence[ArrayLike], source: str = "detections", note: str = "") -> Detections:
         """From an array per frame, (N, 4) boxes or (N, 5) with a score. Raises InputError: another shape, a value that
         is not finite, or a box without an area."""
-        boxes = [_scored_boxes(frame, f"frame {n}", source) for n, frame in enumerate(frames)]
+        boxes = tuple(_scored_boxes(frame, f"frame {n}", source) for n, frame in enumerate(frames))
         table = _together(boxes)
         refuse_misread(table[:, :4], source)
         scores = table[:, 4]
         scored = len(scores) > 0 and bool(0 <= scores.min() < scores.max() <= 1)
         with_boxes = np.flatnonzero([len(array) for array in boxes])
-        step = int(np.gcd.reduce(np.diff(with_boxes))) if len(with_boxes) > 2 else 1
-        detections = Detections(tuple(boxes), scored, source, note, step)
-        if step > 1:
-            return detections._noting(f"boxes are of every {ordinal(step)} frame: nothing is concluded from the others")
-        return detections
+        if len(with_boxes) > 2:
+            step = int(np.gcd.reduce(np.diff(with_boxes)))
+            if step > 1:
+                every_nth = Detections(boxes, scored, source, note, step)
+                return every_nth._noting(
+                    f"boxes are of every {ordinal(step)} frame: nothing is concluded from the others"
+                )
+        return Detections(boxes, scored, source, note)
 
     def _noting(self, sentence: str) -> Detections:
         return replace(self, note="; ".join(filter(None, (self.note, sentence))))

@@ -85,12 +85,13 @@ class Steps:
         places = PlacesByMoment(table)
         order = np.lexsort((table.frame, table.track_id))
         ids = table.track_id[order]
-        seen = np.maximum.accumulate(np.where(places.is_known[order], np.arange(len(order)), 0))
         second = np.flatnonzero(np.diff(ids) == 0) + 1
         self.first = order[second - 1]
         self.second = order[second]
         self.gap_s = times_s[self.second] - times_s[self.first]
-        last_seen = order[seen[second - 1]]
+        # The last row with a place, of this id or one before.
+        with_place = np.where(places.is_known[order], np.arange(len(order)), 0)
+        last_seen = order[np.maximum.accumulate(with_place)[second - 1]]
         is_same = table.track_id[last_seen] == table.track_id[self.second]
         is_seen = is_same & places.is_known[last_seen] & places.is_known[self.second]
         self.step_s = np.where(is_seen, times_s[self.second] - times_s[last_seen], 0.0)

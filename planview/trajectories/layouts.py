@@ -27,6 +27,7 @@ from planview.trajectories.table import (
     TRACK_COLUMNS,
     Trajectories,
     row_states,
+    rows_by_id,
     table_of,
 )
 
@@ -36,14 +37,12 @@ LINE_MAX = 10_000_000
 
 def stream_jsonl(out: IO[str], table: Trajectories) -> None:
     """JSON lines: one per frame that has rows; what is unknown is null."""
-    frames, first = np.unique(table.frame, return_index=True)
-    ends = np.searchsorted(table.frame, frames, side="right")
-    for frame, start, end in zip(frames.tolist(), first.tolist(), ends.tolist(), strict=True):
+    for frame, rows in rows_by_id(table.frame):
         people = []
-        for person in row_states(table, slice(start, end)):
+        for person in row_states(table, rows):
             people.append({name.removeprefix("track_"): _or_null(value) for name, value in vars(person).items()})
-        line = {"frame": frame, "timestamp_s": _or_null(float(table.timestamp_s[start])), "people": people}
-        out.write(json.dumps(line) + "\n")
+        time_s = _or_null(float(table.timestamp_s[rows[0]]))
+        out.write(json.dumps({"frame": frame, "timestamp_s": time_s, "people": people}) + "\n")
 
 
 def _or_null(value: Any) -> Any:
@@ -192,11 +191,12 @@ def write_jupedsim(path: Path, file: TrajectoryFile) -> None:
     facing = np.radians(table.facing_deg)
     is_sure = np.isfinite(facing) & ~(table.facing_confidence < SURE_FACING)
     heading[is_sure] = np.column_stack([np.cos(facing), np.sin(facing)])[is_sure]
-    columns = (table.frame, table.track_id, table.x_m, table.y_m, *heading.T)
-    rows = zip(*(column.tolist() for column in columns), strict=True)
+    columns = [table.frame, table.track_id, table.x_m, table.y_m, *heading.T]
+    rows = zip(*[column.tolist() for column in columns], strict=True)
     metadata = [("version", "2"), ("fps", f"{file.fps!r}")]
-    for axis, values in (("x", table.x_m), ("y", table.y_m)) if len(table) else ():
-        metadata += [(f"{axis}min", f"{values.min()}"), (f"{axis}max", f"{values.max()}")]
+    if len(table):
+        metadata += [("xmin", f"{table.x_m.min()}"), ("xmax", f"{table.x_m.max()}")]
+        metadata += [("ymin", f"{table.y_m.min()}"), ("ymax", f"{table.y_m.max()}")]
     with closing(sqlite3.connect(path)) as database, database:
         database.executescript(_SCHEMA)
         database.executemany("INSERT INTO trajectory_data VALUES (?, ?, ?, ?, ?, ?)", rows)

@@ -229,8 +229,10 @@ def _even_rows(ids: I64, times_s: F64, columns: dict[str, F64]) -> tuple[I64, F6
     parts = []
     for track_id, rows in rows_by_id(ids):
         walk_s = times_s[rows]
-        frames = np.arange(np.ceil(walk_s[0] * RATE_HZ - 1e-9), np.floor(walk_s[-1] * RATE_HZ + 1e-9) + 1)
+        first = math.ceil(walk_s[0] * RATE_HZ - 1e-9)
+        last = math.floor(walk_s[-1] * RATE_HZ + 1e-9)
+        frames = np.arange(first, last + 1)
         even = [np.interp(frames / RATE_HZ, walk_s, values[rows]) for values in columns.values()]
         parts.append(np.column_stack([np.full(len(frames), track_id), frames, *even]))
-    table = np.concatenate(parts)
-    return table[:, 0].astype(np.int64), table[:, 1], dict(zip(columns, table[:, 2:].T, strict=True))
+    even_ids, even_frames, *even_columns = np.concatenate(parts).T
+    return even_ids.astype(np.int64), even_frames, dict(zip(columns, even_columns, strict=True))

@@ -368,7 +368,7 @@ def write_table(file: IO[str], table: Trajectories) -> None:
         write_rows(file, frame, time_s, [person])
 
 
-def row_states(table: Trajectories, rows: slice) -> list[TrackState]:
+def row_states(table: Trajectories, rows: slice | I64) -> list[TrackState]:
     """Rows as a tracker gave them."""
     boxes = list(map(tuple, table.box_px[rows].tolist()))
     before = (table.track_id, table.state, table.x_m, table.y_m, *table.velocity_mps.T, table.height_m)
@@ -411,9 +411,9 @@ def read_truth(path: Path | str) -> Trajectories:
 
 def frame_times(table: Trajectories) -> tuple[I64, F64]:
     """(F,) frames of which a row has a time, ascending, and their times [s]."""
-    known = np.isfinite(table.timestamp_s)
-    frames, first = np.unique(table.frame[known], return_index=True)
-    return frames, table.timestamp_s[known][first]
+    has_time = np.isfinite(table.timestamp_s)
+    frames, first = np.unique(table.frame[has_time], return_index=True)
+    return frames, table.timestamp_s[has_time][first]
 
 
 def frame_period_s(table: Trajectories, fallback_s: float) -> float:
@@ -488,6 +488,8 @@ def people_of(tracks: Trajectories, frame_s: float | None = None) -> I64:
     order = np.lexsort((tracks.frame, tracks.track_id))
     is_same = np.diff(tracks.track_id[order]) == 0
     steps = np.diff(tracks.frame[order])[is_same]
-    row_s = frame_s * (max(1.0, float(np.median(steps))) if len(steps) else 1.0)
+    row_s = frame_s
+    if len(steps):
+        row_s *= max(1.0, float(np.median(steps)))
     ids, rows = np.unique(tracks.track_id[tracks.state == "confirmed"], return_counts=True)
     return ids[is_person(rows.astype(np.float64) * row_s)]
