@@ -1,13 +1,16 @@
-"""How long the engine takes for a frame, by stage and by number of people, and how long its start takes."""
+"""How long the engine takes for a frame, by stage, by number of people and next to bare stereo, and how long its start
+takes."""
 
 from __future__ import annotations
 
+import io
 import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,15 +19,24 @@ from typing import Any
 import cv2
 import numpy as np
 import pandas
+from rich.console import Console
 
 from benchmarks.options import Report, Row, benchmark, progress, tables
 from benchmarks.passes import bench_engine
 from calib.errors import InputError, WorkError
+from calib.images import as_grey
+from calib.rig import StereoRig
+from calib.types import U8, AnyArray
 from planview.api.arguments import in_range
+from planview.api.run import run
+from planview.commands.console import Bar
 from planview.engine.config import load_config
 from planview.engine.engine import STAGES, Engine
 from planview.engine.open import TrackerName
+from planview.output.report.page import write_report
+from planview.output.tables import RunTables
 from planview.synthetic.assets import DEMO
+from stereo.recording import Frame, Recording, Shot, StereoPair
 
 SETTLED_FRAMES = 100
 """Frames before anything is timed: the background is learned, buffers are warm, kernels compiled."""
@@ -32,6 +44,13 @@ START_CODE = (
     "import sys; from itertools import islice; from planview import open_engine; "
     "list(islice(open_engine(sys.argv[1]), int(sys.argv[2])))"
 )
+BLOCK_PX = 5
+"""Side of the block that bare stereo matches [px]."""
+BARE_DISPARITIES = 64
+WIDE_PX = 640
+"""Bare stereo searches so many disparities, and twice as many in images that are wider than this [px]."""
+PROGRESS_S = 2.0
+"""Time for which progress is drawn to see what that costs [s]."""
 STARTS = (("compiles", SETTLED_FRAMES), ("again", SETTLED_FRAMES), ("to the first frame", 1))
 """Runs in a process each, and their frames: one that compiles its kernels, and two whose kernels are there."""
 
@@ -78,7 +97,10 @@ def speed(
     with one_core():
         progress("the engine on one core")
         on_one = time_frames(engine, decoded)
-    return tables(stages=stage_rows(on_all, on_one), people=people_rows(on_all, on_one))
+        bare = bare_rows(engine, decoded)
+    progress("tables and report of a run")
+    written = output_rows(engine, decoded)
+    return tables(stages=stage_rows(on_all, on_one), people=people_rows(on_all, on_one), bare=bare, output=written)
 
 
 def time_frames(engine: Engine, frames: Sequence[Any]) -> pandas.DataFrame:
@@ -112,6 +134,90 @@ def people_rows(on_all: pandas.DataFrame, on_one: pandas.DataFrame) -> list[Row]
 
 def _time_row(names: Row, on_all: pandas.Series[float], on_one: pandas.Series[float]) -> Row:
     return names | {"ms, all cores": float(np.median(on_all)), "ms, one core": float(np.median(on_one))}
+
+
+class BareStereo:
+    """OpenCV's remap of both cameras and its three-way SGBM, at the recorded size and with no setting of the engine."""
+
+    def __init__(self, rig: StereoRig, is_grey: bool) -> None:
+        left = rig.left
+        right = rig.right
+        pose = rig.right_SE3_left
+        shift = pose.translation.reshape(3, 1)
+        lenses = left.matrix, left.coefficients, right.matrix, right.coefficients
+        turns_and_views = cv2.stereoRectify(*lenses, left.size, pose.rotation, shift, alpha=0.0)[:4]
+        self._is_grey = is_grey
+        self._maps = []
+        for camera, turn, view in zip((left, right), turns_and_views[:2], turns_and_views[2:], strict=True):
+            lens = camera.matrix, camera.coefficients
+            self._maps.append(cv2.initUndistortRectifyMap(*lens, turn, view, left.size, cv2.CV_16SC2))
+        disparities = BARE_DISPARITIES * (1 + (left.width > WIDE_PX))
+        area = BLOCK_PX * BLOCK_PX * (1 if is_grey else 3)  # OpenCV's recommendation: 8 and 32 times this
+        mode = cv2.STEREO_SGBM_MODE_SGBM_3WAY
+        self._sgbm = cv2.StereoSGBM.create(0, disparities, BLOCK_PX, 8 * area, 32 * area, mode=mode)
+
+    def __call__(self, left: U8, right: U8) -> AnyArray:
+        """(H, W) int16 disparity [1/16 px] of a recorded pair."""
+        images = (as_grey(left), as_grey(right)) if self._is_grey else (left, right)
+        rectified = [cv2.remap(image, *maps, cv2.INTER_LINEAR) for image, maps in zip(images, self._maps, strict=True)]
+        return self._sgbm.compute(*rectified)
+
+
+def bare_rows(engine: Engine, frames: Sequence[Frame[Shot]]) -> list[Row]:
+    """Processor time of the engine over that of bare stereo in colour and in grey, of the same frames in turns."""
+    sensor = engine.recording.sensor if isinstance(engine.recording, Recording) else None
+    if not isinstance(sensor, StereoPair) or sensor.rig.left.model == "fisheye":
+        return []
+    bare = {"grey": BareStereo(sensor.rig, True)}
+    if frames[0].image.ndim == 3:
+        bare["colour"] = BareStereo(sensor.rig, False)
+    rows = []
+    engine.reset()
+    for frame in frames:
+        row = {"engine": _processor_ms(partial(engine.step, frame))}
+        for name, stereo in bare.items():
+            row[name] = _processor_ms(partial(stereo, *frame.images))
+        rows.append(row)
+    medians = pandas.DataFrame(rows[SETTLED_FRAMES:] or rows).median()
+    ours_ms = float(medians["engine"])
+    return [
+        {
+            "bare stereo": name,
+            "ms": float(medians[name]),
+            "engine, ms": ours_ms,
+            "ratio": ours_ms / float(medians[name]),
+        }
+        for name in bare
+    ]
+
+
+def output_rows(engine: Engine, frames: Sequence[Frame[Shot]]) -> list[Row]:
+    """Processor time of what a run adds to the engine."""
+    with TemporaryDirectory() as name:
+        out = Path(name) / "run"
+        run(engine, out=out, frames=len(frames))
+        report_ms = _processor_ms(partial(write_report, out))
+        files = RunTables(Path(name), events=False)
+        engine.reset()
+        tables_ms = []
+        for frame in frames:
+            result = engine.step(frame)
+            tables_ms.append(_processor_ms(partial(files.add, result, ())))
+        files.close()
+    with Bar(Console(file=io.StringIO(), force_terminal=True)):
+        progress_ms = _processor_ms(partial(time.sleep, PROGRESS_S)) / PROGRESS_S
+    return [
+        {"output": "tables, a frame", "ms": float(np.mean(tables_ms))},
+        {"output": "report, a run", "ms": report_ms},
+        {"output": "progress, a second", "ms": progress_ms},
+    ]
+
+
+def _processor_ms(work: Callable[[], object]) -> float:
+    """Time that all threads of this process compute during some work."""
+    start_s = time.process_time()
+    work()
+    return 1e3 * (time.process_time() - start_s)
 
 
 def start_rows(recording: Path) -> list[Row]:
