@@ -61,6 +61,11 @@ class Result(Generic[Found]):
             write_result(path, json.dumps(self.to_json(), indent=2) + "\n")
 
 
+def table_text(rows: Sequence[Mapping[str, str]]) -> str:
+    """Rows below the names of their columns (see ``aligned``)."""
+    return aligned([tuple(rows[0]), *(tuple(row.values()) for row in rows)])
+
+
 def aligned(rows: Iterable[Sequence[str]]) -> str:
     """Rows as lines with their cells below each other, the last one as wide as the terminal lets it."""
     table = [*rows]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, cast, get_args
 
 from calib.errors import InputError
 from planview.api.arguments import Frames, frame_span, in_range, one_of, path_of, table_of
-from planview.api.result import Result, aligned
+from planview.api.result import Result, table_text
 from planview.output.plot import PANELS, NamedTracks, Panel, figure_of, floor_picture, save_figure
 from planview.output.report.page import differing_settings, write_report
 from planview.output.run_folder import RunFolder
@@ -53,10 +53,7 @@ def report(*folders: Path | str, truth: Path | str | None = None) -> Result[list
         return Result(pages, files=pages)
     differing = differing_settings([RunFolder(path).info for path in paths])
     rows = [{"setting": name} | dict(zip(map(str, paths), values, strict=True)) for name, values in differing]
-    text = "the same settings"
-    if differing:
-        text = aligned([("setting", *map(str, paths)), *((name, *values) for name, values in differing)])
-    return Result(pages, text, rows=rows, files=pages)
+    return Result(pages, table_text(rows) if rows else "the same settings", rows=rows, files=pages)
 
 
 def plot(

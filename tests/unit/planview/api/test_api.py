@@ -13,7 +13,6 @@ import planview
 from calib.errors import InputError
 from planview.api.arguments import frame_span, settings
 from planview.cli import CALIBRATE, COMMANDS, main, make_app
-from planview.commands.options import typed
 
 NAMES = [name for group in COMMANDS.values() for name in group if name != "demo"]
 
@@ -42,10 +41,6 @@ def test_frames_are_the_first_or_from_one_to_another(
     frames: int | str | tuple[int, int], span: tuple[int, int]
 ) -> None:
     assert frame_span(frames) == span
-
-
-def test_arguments_at_the_beginning_of_a_sentence_are_shown_as_options() -> None:
-    assert typed(InputError("image_size=: expected WxH"), {}) == "--image-size: expected WxH"
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,8 @@
 """The one type of result: words, plain values, a table, and files."""
 
-import json
 from pathlib import Path
+
+import pytest
 
 from planview.api.result import Result, aligned
 
@@ -20,18 +21,10 @@ def test_result_of_several_is_a_table_of_them() -> None:
     assert RUNS.to_dataframe()["score"].tolist() == [1.0, 2.0]
 
 
-def test_result_of_one_is_a_row_of_its_values() -> None:
-    assert Result(None, values={"height_m": 2.5}).to_dataframe()["height_m"].tolist() == [2.5]
-
-
-def test_result_is_saved_as_json(tmp_path: Path) -> None:
-    RUNS.save(tmp_path / "runs.json")
-    assert json.loads((tmp_path / "runs.json").read_text()) == {"runs": 2}
-
-
-def test_result_is_saved_as_a_table(tmp_path: Path) -> None:
-    RUNS.save(tmp_path / "runs.csv")
-    assert (tmp_path / "runs.csv").read_text() == "name,score\na,1.0\nb,2.0\n"
+@pytest.mark.parametrize(("name", "text"), [("a.json", '{\n  "runs": 2\n}\n'), ("a.csv", "name,score\na,1.0\nb,2.0\n")])
+def test_result_is_saved_in_the_format_of_its_name(tmp_path: Path, name: str, text: str) -> None:
+    RUNS.save(tmp_path / name)
+    assert (tmp_path / name).read_text() == text
 
 
 def test_cells_stand_below_each_other_and_the_last_is_wrapped(monkeypatch) -> None:

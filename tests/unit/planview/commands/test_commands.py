@@ -298,12 +298,6 @@ def test_a_quick_check_repeats_what_opens_the_recording_in_the_next_command(tmp_
     assert f"planview run {opens} --out out" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("error", [InputError, WorkError])
-def test_an_error_names_the_argument_in_python_and_the_option_on_the_command_line(error):
-    raised = error("there is no display", remedy="web=True")
-    assert str(raised) == "there is no display; use web=True" and typed(raised, {}) == "there is no display; use --web"
-
-
 def test_a_parameter_that_is_none_is_refused_by_the_name_of_its_argument():
     with pytest.raises(InputError, match=r"^overrides=: "):
         load_config(overrides=["bogus"])

@@ -27,13 +27,6 @@ def test_quiet_drawing_shows_addresses_alone(capsys: pytest.CaptureFixture[str])
     assert capsys.readouterr().err.strip() == "open http://127.0.0.1:9090/"
 
 
-def test_library_is_silent_after_drawing(capsys: pytest.CaptureFixture[str]) -> None:
-    with drawing():
-        pass
-    LOG.info("the run is finished")
-    assert capsys.readouterr().err == ""
-
-
 def test_kernels_that_are_compiled_are_announced(caplog: pytest.LogCaptureFixture) -> None:
     kernel = njit(lambda x: x + 1)
     with caplog.at_level(logging.INFO), compile_notice():
