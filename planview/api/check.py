@@ -12,7 +12,7 @@ from calib.io import parse_length
 from calib.rig import save_rig
 from planview.api.arguments import Settings, in_range, opening, path_of, settings
 from planview.api.contents import Contents, contents_of
-from planview.api.result import Result, aligned, plural
+from planview.api.result import Result, plural, table_text
 from planview.checks.check import Check
 from planview.checks.examine import Diagnosis, examine
 from planview.checks.pictures import write_pictures
@@ -139,12 +139,17 @@ def verdict(checks: Sequence[Check]) -> list[str]:
 
 
 def _table(checks: Sequence[Check]) -> str:
-    rows = [("", "check", "value", "limit", "meaning")]
+    rows = []
     for check in checks:
-        mark = "ok" if check.ok else "warning" if check.warns else "NO"
-        value = f"{check.number_text or '-' * check.is_unknown} {check.unit if check.number_text else ''}".strip()
-        rows.append((mark, check.name, value, check.limit_text, check.note))
-    return aligned(rows)
+        mark = "ok"
+        if not check.ok:
+            mark = "warning" if check.warns else "NO"
+        value = "-" * check.is_unknown
+        if check.number_text:
+            value = f"{check.number_text} {check.unit}".strip()
+        cells = {"": mark, "check": check.name, "value": value, "limit": check.limit_text, "meaning": check.note}
+        rows.append(cells)
+    return table_text(rows)
 
 
 def _height(text: str) -> float:

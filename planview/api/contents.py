@@ -11,7 +11,7 @@ from typing import Any
 from calib.errors import InputError
 from calib.times import Rate, rate_of_times
 from calib.world import load_rigs
-from planview.api.result import aligned
+from planview.api.result import aligned, table_text
 from stereo.readers import OpenOptions, find_layout
 from stereo.readers.base import AnyRecording, Layout, Reader
 from stereo.readers.images import Stream
@@ -54,20 +54,24 @@ class Contents:
             *(("missing", sentence(error)) for error in self.missing),
             *(("note", note) for note in values["notes"]),
         ]
-        cameras = [_camera_cells(camera) for camera in values["cameras"]]
-        titles = ("camera", "size", "pixels", "frames", "fps", "jitter", "gaps")
-        return "\n".join([f"{values['path']}: {self.layout}", aligned([titles, *cameras]), aligned(facts)])
+        cameras = table_text([_camera_cells(camera) for camera in values["cameras"]])
+        return "\n".join([f"{values['path']}: {self.layout}", cameras, aligned(facts)])
 
 
-def _camera_cells(camera: dict[str, Any]) -> tuple[str, ...]:
-    jitter = "-"
-    gaps = "-"
+def _camera_cells(camera: dict[str, Any]) -> dict[str, str]:
+    cells = {
+        "camera": camera["name"],
+        "size": "x".join(map(str, camera["size"])),
+        "pixels": camera["pixels"],
+        "frames": str(camera["frames"]),
+        "fps": f"{camera['fps']:.3f}" if camera["fps"] else "-",
+        "jitter": "-",
+        "gaps": "-",
+    }
     if camera["jitter_ms"] is not None:
-        jitter = f"{camera['jitter_ms']:.2f} ms"
-        gaps = f"{camera['gaps']} ({camera['dropped']} frames)" if camera["gaps"] else "none"
-    size = "x".join(map(str, camera["size"]))
-    rate = f"{camera['fps']:.3f}" if camera["fps"] else "-"
-    return camera["name"], size, camera["pixels"], str(camera["frames"]), rate, jitter, gaps
+        cells["jitter"] = f"{camera['jitter_ms']:.2f} ms"
+        cells["gaps"] = f"{camera['gaps']} ({camera['dropped']} frames)" if camera["gaps"] else "none"
+    return cells
 
 
 def _calibration_text(calibration: dict[str, Any]) -> str:
