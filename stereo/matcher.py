@@ -198,36 +198,39 @@ class SgbmMatcher:
         shape = self.geometry.height, self.geometry.width
         if left_grey.shape != shape or right_grey.shape != shape or left_grey.dtype != np.uint8:
             raise ValueError(f"expected two {shape} uint8 images, got {left_grey.shape} and {right_grey.shape}")
-        samples = self.matched(left_grey, right_grey).disparity
+        samples = self.match(left_grey, right_grey).disparity
         n = self.step
         return np.repeat(np.repeat(samples, n, axis=0), n, axis=1)[: shape[0], : shape[1]]
 
-    def matched(self, left_grey: U8, right_grey: U8, last: Matched | None = None) -> Matched:
+    def match(self, left_grey: U8, right_grey: U8, last: Matched | None = None) -> Matched:
         """The disparity of the samples, from images as of a call; that of the last pair while nothing at all has moved
         since it was found. Not in several threads at once."""
         left = sample_means(left_grey, self.step)
         right = sample_means(right_grey, self.step)
-        smooth_left, smooth_right = (np.asarray(cv2.blur(samples, (5, 5)), np.uint8) for samples in (left, right))
+        smooth_left = np.asarray(cv2.blur(left, (5, 5)), np.uint8)
+        smooth_right = np.asarray(cv2.blur(right, (5, 5)), np.uint8)
         seen = 1 if last is None else last.seen + 1
         if last is not None and last.kept < KEPT_MAX and seen > FIRST_PAIRS:
-            changes = cv2.absdiff(smooth_left, last.left), cv2.absdiff(smooth_right, last.right)
-            if max(int(change.max()) for change in changes) < STILL_LEVEL:
+            left_change = cv2.absdiff(smooth_left, last.left).max()
+            right_change = cv2.absdiff(smooth_right, last.right).max()
+            if max(left_change, right_change) < STILL_LEVEL:
                 return last._replace(kept=last.kept + 1, seen=seen)
-        return Matched(smooth_left, smooth_right, self._disparity(left_grey, right_grey, left, right), 0, seen)
+        disparity = self._disparity(left_grey, right_grey, left, right)
+        return Matched(smooth_left, smooth_right, disparity, 0, seen)
 
     def _disparity(self, left_grey: U8, right_grey: U8, left: U8, right: U8) -> F32:
         """(h, w) float32 disparity of the samples [px], from images as of a call and their samples."""
         n = self.step
         start = self._coarse(left, right)
         coarse = left, _means(right_grey, n)
-        refined = self._refined(*coarse, start, n, max(1, n // 2))
+        refined = self._refine(*coarse, start, n, max(1, n // 2))
         if n <= 2:
-            refined = self._refined(*coarse, refined, n, 1)
+            refined = self._refine(*coarse, refined, n, 1)
         else:
             side = 2 - n % 2
             first = slice((n - side) // 2, None, n)
             fine = np.ascontiguousarray(_means(whole_samples(left_grey, n), side)[first, first])
-            refined = self._refined(fine, _means(right_grey, side), refined, side, 1)
+            refined = self._refine(fine, _means(right_grey, side), refined, side, 1)
         # What moves over half a sample, or a pixel, has left the surface that was found; no slope is known at the edge.
         inside = n * np.arange(self.shape[1]) - refined >= 1.0
         refined[~(inside & (np.abs(refined - start) <= max(0.5 * n, 1.0)))] = np.nan
@@ -268,7 +271,7 @@ class SgbmMatcher:
             mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
         )
 
-    def _refined(self, left: U8, right: U8, disparity: F32, side: int, apart: int) -> F32:
+    def _refine(self, left: U8, right: U8, disparity: F32, side: int, apart: int) -> F32:
         """One Gauss-Newton step on means of ``side`` x ``side`` pixels: those of the left samples, and (H, W) of the
         right image from each pixel on."""
         error = np.empty_like(disparity)

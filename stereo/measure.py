@@ -49,10 +49,10 @@ class PairMeasure:
         refuse_foreign_shot(shot, StereoPair.holds)
         left, right = shot
         if self._own is None:
-            pair = self._rectifier.reduced(left, right, self._step)
+            pair = self._rectifier.reduce(left, right, self._step)
             record("rectify")
             greys = pair.left_grey, pair.right_grey
-            matched = self._sgbm.matched(*greys, last)
+            matched = self._sgbm.match(*greys, last)
             # A copy, for the matcher may give its own again: 10 us, and callers may write into what they are given.
             disparity = matched.disparity.copy()
             thumbnails = partial(Thumbnails.of_pair, *greys)

@@ -227,7 +227,7 @@ class Rectifier:
         rectified = self._left(left)
         return Rectified(rectified, as_grey(rectified), self._right.grey(right), lambda: rectified)
 
-    def reduced(self, left: U8, right: U8, step: int) -> Rectified:
+    def reduce(self, left: U8, right: U8, step: int) -> Rectified:
         """Rectify a pair, its left image as recorded at an n-th of the size (arguments and errors as of a call)."""
         self._check(left, right)
         ours = self._left.source(left)

@@ -119,11 +119,11 @@ FIELDS = Hypothesis[list[F32]](
 
 
 def _baseline(name: str, metres: float) -> Hypothesis[DepthScene]:
-    return Hypothesis(f"the baseline is in {name}", "give it in metres", lambda scene: scene.scaled(metres))
+    return Hypothesis(f"the baseline is in {name}", "give it in metres", lambda scene: scene.scale(metres))
 
 
 def _turned(how: str, quarters: int) -> Hypothesis[DepthScene]:
-    return Hypothesis(f"the camera {how}", UPRIGHT, lambda scene: scene.turned(quarters), PLANE_ODDS)
+    return Hypothesis(f"the camera {how}", UPRIGHT, lambda scene: scene.turn(quarters), PLANE_ODDS)
 
 
 BASELINES = (
@@ -193,17 +193,17 @@ def _in_size(scale: float) -> Callable[[F32], F32]:
 
 def _unregistered(size: float) -> Hypothesis[Overlay]:
     name = f"depth is not registered to its image, {size:g} of its size"
-    return Hypothesis(name, REGISTER, lambda overlay: overlay.laid(_in_size(size)))
+    return Hypothesis(name, REGISTER, lambda overlay: overlay.lay(_in_size(size)))
 
 
 PLACES = (
     Hypothesis[Overlay](
-        "depth is mirrored against its image", AS_TAKEN, lambda overlay: overlay.laid(lambda depth: depth[:, ::-1])
+        "depth is mirrored against its image", AS_TAKEN, lambda overlay: overlay.lay(lambda depth: depth[:, ::-1])
     ),
     Hypothesis[Overlay](
         "depth is turned by 180 degrees against its image",
         AS_TAKEN,
-        lambda overlay: overlay.laid(lambda depth: depth[::-1, ::-1]),
+        lambda overlay: overlay.lay(lambda depth: depth[::-1, ::-1]),
     ),
     *(_unregistered(size) for size in (0.72, 0.84, 0.92, 1.09, 1.19, 1.39)),
 )

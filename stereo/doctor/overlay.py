@@ -52,7 +52,7 @@ class Overlay:
             measured += [_depth_edges(depth), nearer.astype(np.float32)]
         return Overlay(seen, measured)
 
-    def laid(self, lay: Callable[[F32], F32]) -> Overlay:
+    def lay(self, lay: Callable[[F32], F32]) -> Overlay:
         """Depth laid onto the image in another way."""
         return replace(self, measured=[np.ascontiguousarray(lay(one)) for one in self.measured])
 
@@ -76,7 +76,7 @@ class Overlay:
         across, down = self.best_shift
         if max(abs(across), abs(down)) * 640.0 / WIDTH <= SHIFT_PX_MAX:
             return self
-        return self.laid(lambda depth: np.roll(depth, (down, across), axis=(0, 1)))
+        return self.lay(lambda depth: np.roll(depth, (down, across), axis=(0, 1)))
 
 
 def place_score(overlay: Overlay) -> Score:

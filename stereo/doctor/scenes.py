@@ -78,7 +78,7 @@ class DepthScene:
         depths = [stored.rectified(image, np.asarray(metres(values, stored), np.float32)) for image, values in pairs]
         return replace(self, depths=depths)
 
-    def turned(self, quarters: int) -> DepthScene:
+    def turn(self, quarters: int) -> DepthScene:
         """The view turned counterclockwise by quarter turns."""
         scene = self
         for _ in range(quarters):
@@ -91,7 +91,7 @@ class DepthScene:
             scene = replace(scene, depths=depths, geometry=geometry)
         return scene
 
-    def scaled(self, factor: float) -> DepthScene:
+    def scale(self, factor: float) -> DepthScene:
         """The view of cameras that are this many times as far apart."""
         geometry = replace(self.geometry, baseline_m=self.geometry.baseline_m * factor)
         return replace(self, depths=[depth * np.float32(factor) for depth in self.depths], geometry=geometry)

@@ -139,12 +139,12 @@ def stereo_layout(
     """Two cameras whose frames are paired; world.toml lies in the folder, or at the path."""
     remarks = (*clock.notes, *notes, *["one pair of images, in which nobody walks"] * (pairs.n_frames == 1))
 
-    def opened() -> Recording[StereoPair]:
+    def open_recording() -> Recording[StereoPair]:
         kind = LiveRecording if pairs.live else Recording[StereoPair]
         sensor = StereoPair(rig(), world_pose(folder or path))
         return kind(path, pairs.decode, pairs.n_frames, clock, [*remarks], sensor)
 
-    return Layout("stereo", streams, pairs.n_frames, clock, remarks, pairs.unpaired, opened)
+    return Layout("stereo", streams, pairs.n_frames, clock, remarks, pairs.unpaired, open_recording)
 
 
 _TIME_OF_FLIGHT = ((512, 424), (640, 576), (320, 288), (512, 512), (1024, 1024), (1024, 768))
@@ -172,7 +172,7 @@ def rgbd_layout(
     """Images and depth whose frames are paired; ``rig`` reads the calibration, or raises InputError."""
     remarks = (*clock.notes, *notes)
 
-    def opened() -> Recording[DepthCamera]:
+    def open_recording() -> Recording[DepthCamera]:
         from stereo.rgbd import DepthRegistration  # its kernels: only images with depth need numba here
 
         calibrated = rig()
@@ -195,7 +195,7 @@ def rgbd_layout(
         )
         return Recording(path, together(images, depths), images.n_frames, clock, said, sensor)
 
-    return Layout("rgbd", streams, images.n_frames, clock, remarks, unpaired, opened)
+    return Layout("rgbd", streams, images.n_frames, clock, remarks, unpaired, open_recording)
 
 
 def clock_of(

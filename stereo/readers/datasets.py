@@ -38,15 +38,8 @@ def _euroc_root(path: Path) -> Path:
 
 def _euroc_find(path: Path, options: OpenOptions) -> Layout:
     root = _euroc_root(path)
-    first, second = (_euroc_camera(root / name) for name in ("cam0", "cam1"))
-    if options.calibration is None:
-        try:
-            load_rig(root)
-        except InputError as error:
-            if "left and right are swapped" in str(error):
-                note = "cam0 is the right camera by its calibration, and cam1 the left one: taken so"
-                return timed_layout(path, second, first, options, partial(load_rig, root, swap=True), (note,))
-    return timed_layout(path, first, second, options, partial(load_rig, options.calibration or root))
+    left, right = (_euroc_camera(root / name) for name in ("cam0", "cam1"))
+    return timed_layout(path, left, right, options, partial(load_rig, options.calibration or root))
 
 
 def _euroc_camera(folder: Path) -> TimedFiles:
@@ -55,12 +48,12 @@ def _euroc_camera(folder: Path) -> TimedFiles:
     if not listed.is_file():
         files = image_files(data)
         return TimedFiles(data, files, read_stamps(data, [file.stem for file in files]).ns)
-    times, names, _ = _listed_images(listed)
+    times, names, _ = _read_list(listed)
     # The format gives nanoseconds; converted recordings hold seconds under the same name.
     return TimedFiles(data, [data / Path(name).name for name in names], read_stamps(listed, times).ns)
 
 
-class _ListedImages(NamedTuple):
+class _ImageList(NamedTuple):
     """Columns of a list: times as they are written, names of files, numbers of lines."""
 
     times: list[str]
@@ -68,7 +61,7 @@ class _ListedImages(NamedTuple):
     lines: list[int]
 
 
-def _listed_images(file: Path) -> _ListedImages:
+def _read_list(file: Path) -> _ImageList:
     """The rows of a list with a time and the name of an image in each; Windows writes names with backslashes. Raises
     InputError: a row without these, or no row."""
     rows = read_rows(file, "rows of timestamp and file name")
@@ -81,7 +74,7 @@ def _listed_images(file: Path) -> _ListedImages:
     if not rows:
         raise InputError(f"{file}: expected lines of timestamp and file name, found none")
     names = [row.cells[1].replace("\\", "/") for row in rows]
-    return _ListedImages([row.cells[0] for row in rows], names, [row.line for row in rows])
+    return _ImageList([row.cells[0] for row in rows], names, [row.line for row in rows])
 
 
 def _is_euroc(path: Path) -> bool:
@@ -212,10 +205,10 @@ class Listed(NamedTuple):
 
 
 def _tum_find(path: Path, options: OpenOptions) -> Layout:
-    images = _tum_listed(path / "rgb.txt")
-    depths = _tum_listed(path / "depth.txt")
+    images = _read_tum_list(path / "rgb.txt")
+    depths = _read_tum_list(path / "depth.txt")
     associated = next((path / name for name in _ASSOCIATIONS if (path / name).is_file()), None)
-    mates = _tum_associated(associated, images, depths) if associated else nearest_mates(images.ns, depths.ns)
+    mates = _read_tum_mates(associated, images, depths) if associated else nearest_mates(images.ns, depths.ns)
     if not (mates >= 0).any():
         raise InputError(f"{path}: expected images and depth of the same times, found none within {MAX_APART_S:g} s")
     image_files = images_of([_inside(path, name) for name in images.names], Colour())
@@ -236,7 +229,7 @@ def _tum_find(path: Path, options: OpenOptions) -> Layout:
     return rgbd_layout(path, image_files, depth_files, streams, clock, rig, notes)
 
 
-def _tum_associated(file: Path, images: Listed, depths: Listed) -> I64:
+def _read_tum_mates(file: Path, images: Listed, depths: Listed) -> I64:
     """Mates as a file of associations lists them: time, image, time, depth, either first."""
     places = {name: i for i, name in enumerate(images.names)}
     depth_places = {name: i for i, name in enumerate(depths.names)}
@@ -251,8 +244,8 @@ def _tum_associated(file: Path, images: Listed, depths: Listed) -> I64:
     return mates
 
 
-def _tum_listed(file: Path) -> Listed:
-    times, names, lines = _listed_images(file)
+def _read_tum_list(file: Path) -> Listed:
+    times, names, lines = _read_list(file)
     stamps = read_stamps(file, times)
     kept: list[int] = []
     again: list[str] = []

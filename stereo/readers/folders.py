@@ -147,7 +147,7 @@ def _find_rgbd(path: Path, options: OpenOptions) -> base.Layout:
     sides = _colour_and_depth(path)
     if sides is None:
         raise InputError(f"{path}: expected images and depth, found neither")
-    pairs, clock = (None, None) if (path / "timestamps.csv").is_file() else _timed(*sides, path)
+    pairs, clock = (None, None) if (path / "timestamps.csv").is_file() else _pair_by_time(*sides, path)
     notes: tuple[str, ...] = ()
     if pairs is None:
         pairs = pair_files(*sides)
@@ -164,7 +164,9 @@ def _find_rgbd(path: Path, options: OpenOptions) -> base.Layout:
     return base.rgbd_layout(path, images, depths, streams, clock, rig, notes)
 
 
-def _timed(images: list[Path], depths: list[Path], folder: Path) -> tuple[list[Pair], FrameClock] | tuple[None, None]:
+def _pair_by_time(
+    images: list[Path], depths: list[Path], folder: Path
+) -> tuple[list[Pair], FrameClock] | tuple[None, None]:
     """Images with the depth of their time, by files of times or the names; None where these number the frames."""
     stamps = stamps_of(images, images[0].parent, folder)
     depth_stamps = stamps_of(depths, depths[0].parent, folder)

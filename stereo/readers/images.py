@@ -210,14 +210,14 @@ def images_of(files: Sequence[Path | None], pixels: Colour | Depths) -> Images:
         str(there[0].parent if there else Path()),
         [i if file else -1 for i, file in enumerate(files)],
         pixels,
-        lambda places: (stored_in(paths[place], decoded) for place in places),
+        lambda places: (read_stored(paths[place], decoded) for place in places),
         lambda place: f"{paths[place].parent.name}/{paths[place].name}",
-        (stored_in(file, decoded) for file in there),
+        (read_stored(file, decoded) for file in there),
         there,
     )
 
 
-def stored_in(file: Path, decoded: Callable[[bytes], AnyArray] | None = None) -> Stored:
+def read_stored(file: Path, decoded: Callable[[bytes], AnyArray] | None = None) -> Stored:
     """The values of an image file: (H, W) or (H, W, 3) uint8 or uint16 BGR, or as ``decoded`` gives them."""
     try:
         return (decoded or decode_image)(_content(file))
@@ -228,7 +228,7 @@ def stored_in(file: Path, decoded: Callable[[bytes], AnyArray] | None = None) ->
 def read_image(file: Path, bits: int | None = None) -> U8 | None:
     """(H, W) or (H, W, 3) uint8 BGR, None when it cannot be decoded or its end is cut off; values of a 16-bit image use
     ``bits``, or 16."""
-    stored = stored_in(file)
+    stored = read_stored(file)
     return None if isinstance(stored, UnreadableError) else to_8_bits(stored, bits)
 
 
@@ -304,7 +304,7 @@ def bits_of(*cameras: Sequence[Path | None]) -> int | None:
     images = []
     for there in ([file for file in files if file] for files in cameras):
         for at in sorted({round(i) for i in np.linspace(0, len(there) - 1, FRAMES)} if there else ()):
-            image = stored_in(there[at])
+            image = read_stored(there[at])
             if isinstance(image, UnreadableError) or image.dtype != np.uint16:
                 break
             images.append(image)

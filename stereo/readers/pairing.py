@@ -80,14 +80,14 @@ def pair_files(left: list[Path], right: list[Path], number: Callable[[Path], int
     Args:
         number: a file's number, None when it has none.
     """
-    left_by = _numbered(left, number)
-    right_by = _numbered(right, number)
+    left_by = _by_number(left, number)
+    right_by = _by_number(right, number)
     in_order: list[Pair] = list(zip(left, right, strict=False))
     if left_by is None or right_by is None:
         if len(left) != len(right):
             stems = {file.stem for file in left} & {file.stem for file in right}
             alone = [file for file in [*left, *right] if file.stem not in stems]
-            raise _unpaired(alone[0] if alone else left[0], left, right)
+            raise _no_mate(alone[0] if alone else left[0], left, right)
         return in_order
     either = sorted(left_by.keys() | right_by.keys())
     unpaired = [number for number in either if not (number in left_by and number in right_by)]
@@ -95,7 +95,7 @@ def pair_files(left: list[Path], right: list[Path], number: Callable[[Path], int
     if len(left) == len(right) and len(unpaired) > most:
         return in_order  # e.g. numbered by two clocks
     if len(unpaired) > max(1.0, most):
-        raise _unpaired(left_by.get(unpaired[0]) or right_by[unpaired[0]], left, right)
+        raise _no_mate(left_by.get(unpaired[0]) or right_by[unpaired[0]], left, right)
     return [(left_by.get(number), right_by.get(number)) for number in even_sequence(either)]
 
 
@@ -123,13 +123,13 @@ def even_sequence(numbers: list[int]) -> list[int]:
     return list(range(numbers[0], numbers[-1] + 1, step))
 
 
-def _numbered(files: list[Path], number: Callable[[Path], int | None]) -> dict[int, Path] | None:
+def _by_number(files: list[Path], number: Callable[[Path], int | None]) -> dict[int, Path] | None:
     numbers = [number(file) for file in files]
     found = {n: file for n, file in zip(numbers, files, strict=True) if n is not None}
     return found if len(found) == len(files) else None
 
 
-def _unpaired(file: Path, left: list[Path], right: list[Path]) -> InputError:
+def _no_mate(file: Path, left: list[Path], right: list[Path]) -> InputError:
     counts = " and ".join(f"{len(own)} in {own[0].parent.name}" for own in (left, right) if own)
     found = f"found none ({counts}): add a file of times for each camera, or delete images without a mate"
     return InputError(f"{file}: expected a mate in the other folder for every image, {found}")
@@ -214,18 +214,26 @@ def pair_stamps(
     again = np.diff(times, prepend=-1.0) <= 0
     left[again] = -1
     right[again] = -1
-    alone_counts = [int(np.count_nonzero((own >= 0) & (other < 0))) for own, other in ((left, right), (right, left))]
-    if any(alone_counts):
-        each = ", ".join(f"{count} of {name}" for name, count in zip(names, alone_counts, strict=True) if count)
+    alone_left = int(np.count_nonzero((left >= 0) & (right < 0)))
+    alone_right = int(np.count_nonzero((right >= 0) & (left < 0)))
+    counts = [(alone_left, names[0]), (alone_right, names[1])]
+    if alone_left or alone_right:
+        each = ", ".join(f"{count} of {name}" for count, name in counts if count)
+        frames = f"{alone_left + alone_right} of {_frames(len(left))}"
         limit = f"{tolerance / 1e6:.1f} ms, a quarter of the frame period"
-        notes.append(f"{sum(alone_counts)} of {_frames(len(left))} without a mate within {limit}, skipped ({each})")
+        notes.append(f"{frames} without a mate within {limit}, skipped ({each})")
     if again.any():
         notes.append(f"{_frames(int(again.sum()))} with the time of the frame before, skipped")
-    for stamps_ns, era, name in ((left_ns, left_eras, names[0]), (right_ns, right_eras, names[1])):
-        late = int(np.count_nonzero((np.diff(stamps_ns) < 0) & (np.diff(era) == 0)))
-        if late:
-            notes.append(f"{_frames(late)} of {name} recorded out of order, put in order of their times")
+    notes += _order_notes(left_ns, left_eras, names[0])
+    notes += _order_notes(right_ns, right_eras, names[1])
     return TimePairs(left, right, times, 1e9 / period, (*notes, *jump_notes))
+
+
+def _order_notes(stamps_ns: I64, eras: I64, name: str) -> list[str]:
+    """A note on frames of a camera that were recorded after later ones."""
+    is_late = (np.diff(stamps_ns) < 0) & (np.diff(eras) == 0)
+    late = int(np.count_nonzero(is_late))
+    return [f"{_frames(late)} of {name} recorded out of order, put in order of their times"] if late else []
 
 
 def _ahead(left_ns: I64, right_ns: I64, tolerance_ns: float) -> int:

@@ -137,10 +137,10 @@ def _find(path: Path, options: OpenOptions) -> Layout:
     if video is None:
         files = image_files(path)
         photos = images_of(files, Colour(bits_of(files)))
-        return packed_layout(path, path, path, photos, sampled(photos), options)
+        return packed_layout(path, path, path, photos, pictures_of(photos), options)
     source = VideoFile(video)
     try:
-        return packed_layout(path, video, video.parent, source, sampled(source), options)
+        return packed_layout(path, video, video.parent, source, pictures_of(source), options)
     except InputError as error:
         if path.is_file() and (sides := pair_in(path.parent)) and path in sides:
             ways = f"give the folder of both, {path.parent}, or track it alone"
@@ -206,7 +206,7 @@ def packed_layout(
     return stereo_layout(path, each, streams, clock, rig or partial(load_rig, calibration, size), notes, folder)
 
 
-def sampled(source: FrameSource) -> list[U8]:
+def pictures_of(source: FrameSource) -> list[U8]:
     """Three pictures of a source, one at least, since its announced length may be wrong."""
     spread = sorted({round(float(i)) for i in np.linspace(0, max(0, source.n_frames - 1), 3)})
     found = [frame.image for frame in source.at(spread) if frame.image is not None]

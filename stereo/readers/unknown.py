@@ -35,7 +35,7 @@ def what_is_there(path: Path, recordings: Sequence[str]) -> str:
     if not path.is_dir():
         return _file_text(path)
     if recordings and not image_files(path):
-        return f"a folder of recordings: give one of them, {listed([str(path / name) for name in recordings])}"
+        return f"a folder of recordings: give one of them, {list_text([str(path / name) for name in recordings])}"
     return inside_text(path)
 
 
@@ -57,20 +57,20 @@ def inside_text(path: Path) -> str:
     images = image_files(path)
     folders = [folder for folder in entries(path) if folder.is_dir() and image_files(folder)]
     if any(map(is_depth, videos)):
-        return f"videos, {listed([video.name for video in videos])}: {DEPTH_IN_VIDEO}"
+        return f"videos, {list_text([video.name for video in videos])}: {DEPTH_IN_VIDEO}"
     if len(images) == 1 and not folders:
         return f"{ONE_IMAGE} ({images[0].name})"
     for kind, found in (("videos", videos), ("folders of images", folders), ("images", images)):
         if found:
-            return f"{kind}, {listed([each.name for each in found])}: {_NAMES}"
+            return f"{kind}, {list_text([each.name for each in found])}: {_NAMES}"
     bags = [file.name for file in entries(path) if file.suffix in (".bag", ".mcap", ".db3")]
     if len(bags) > 1:
-        return f"bags, {listed(bags)}: give one of them; ros2 bag reindex makes one of the parts of one"
+        return f"bags, {list_text(bags)}: give one of them; ros2 bag reindex makes one of the parts of one"
     places = [path, *filter(Path.is_dir, entries(path))]
     files = [file for place in places for file in entries(place) if file.is_file()]
     if not files:
         return "an empty folder"
-    return f"no images, videos or bags but {listed([file.name for file in files])}, {_kind_text(files)}"
+    return f"no images, videos or bags but {list_text([file.name for file in files])}, {_kind_text(files)}"
 
 
 def _kind_text(files: Sequence[Path]) -> str:
@@ -80,7 +80,7 @@ def _kind_text(files: Sequence[Path]) -> str:
     return f"a file of the kind {suffix}: {way}" if way else f"a file of another kind: {_READ}"
 
 
-def listed(names: Sequence[str]) -> str:
+def list_text(names: Sequence[str]) -> str:
     """Names, of many the first three."""
     shown = list(names[:3])
     if len(names) > 3:

@@ -106,7 +106,7 @@ class VideoFile:
                     continue
                 if index - position > 250 and self._seeks:  # the usual distance of key frames
                     there = _open(self._path)
-                    if self._sought(there, index):
+                    if self._seek(there, index):
                         capture, there = there, capture
                         position = index
                     there.release()
@@ -136,7 +136,7 @@ class VideoFile:
         same_time = ordered.get(cv2.CAP_PROP_POS_MSEC) == sought.get(cv2.CAP_PROP_POS_MSEC)
         return bool(found and again and same_time and np.array_equal(image, other))
 
-    def _sought(self, capture: cv2.VideoCapture, index: int) -> bool:
+    def _seek(self, capture: cv2.VideoCapture, index: int) -> bool:
         """Seek so that the frame is read next; whether that succeeded, as far as the time of the one before shows."""
         if not capture.set(cv2.CAP_PROP_POS_FRAMES, index - 1) or not capture.grab():
             return False
@@ -293,14 +293,14 @@ class _PlacedVideo:
         self._places = places
 
     def __iter__(self) -> Iterator[Decoded]:
-        return self._placed(range(len(self._places)), iter(self._video))
+        return self._frames_at(range(len(self._places)), iter(self._video))
 
     def at(self, indices: Iterable[int]) -> Iterator[Decoded]:
         """Only these frames."""
         listed = list(indices)
-        return self._placed(listed, self._video.at(int(self._places[i]) for i in listed if self._places[i] >= 0))
+        return self._frames_at(listed, self._video.at(int(self._places[i]) for i in listed if self._places[i] >= 0))
 
-    def _placed(self, indices: Iterable[int], frames: Iterator[Decoded]) -> Iterator[Decoded]:
+    def _frames_at(self, indices: Iterable[int], frames: Iterator[Decoded]) -> Iterator[Decoded]:
         for index in indices:
             place = self._places[index]
             found = next((frame for frame in frames if frame.index == place), None) if place >= 0 else None

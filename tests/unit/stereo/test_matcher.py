@@ -79,7 +79,7 @@ def test_pixels_that_are_masked_or_whose_match_is_have_no_disparity(side: str, s
 
 @pytest.mark.parametrize("step", [1, 2, 3, 4])
 def test_samples_have_the_disparity_of_their_pixels(step: int) -> None:
-    found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(5, 32), step=step).matched(*shifted(12.3)).disparity
+    found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(5, 32), step=step).match(*shifted(12.3)).disparity
     inside = found[64 // step : -64 // step, 124 // step : -104 // step] - 12.3
     assert abs(np.nanmedian(inside)) < 0.08 and (np.abs(inside) < 0.4).mean() > 0.9
 
@@ -89,7 +89,7 @@ def test_samples_of_an_image_whose_size_is_no_multiple_are_one_more(step: int) -
     odd = RectifiedGeometry(317, 233, 230.0, 230.0, 159.5, 119.5, 0.12)
     left, right = (np.ascontiguousarray(image[:233, :317]) for image in shifted(12.0))
     matcher = SgbmMatcher(odd, disparities=DisparityRange(0, 32), step=step)
-    assert matcher.matched(left, right).disparity.shape == matcher.shape == (-(-233 // step), -(-317 // step))
+    assert matcher.match(left, right).disparity.shape == matcher.shape == (-(-233 // step), -(-317 // step))
     found = matcher(left, right)
     assert found.shape == (233, 317) and np.nanmedian(found) == pytest.approx(12.0, abs=0.08)
 
@@ -105,17 +105,17 @@ def still() -> tuple[SgbmMatcher, Matched, U8, U8]:
     """A matcher after many pairs, what it found in the last, and that pair, nowhere too bright to become brighter."""
     left, right = (np.minimum(image, 200) for image in shifted(12.0))
     matcher = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 32))
-    return matcher, matcher.matched(left, right)._replace(seen=FIRST_PAIRS), left, right
+    return matcher, matcher.match(left, right)._replace(seen=FIRST_PAIRS), left, right
 
 
 def test_the_first_pairs_are_matched_whatever_they_show(still):
     matcher, first, left, right = still
-    assert matcher.matched(left, right, first._replace(seen=FIRST_PAIRS - 1)).kept == 0
+    assert matcher.match(left, right, first._replace(seen=FIRST_PAIRS - 1)).kept == 0
 
 
 def test_pair_in_which_nothing_moved_is_not_matched_again(still):
     matcher, first, left, right = still
-    second = matcher.matched(left.copy(), right.copy(), first)
+    second = matcher.match(left.copy(), right.copy(), first)
     assert second.disparity is first.disparity and (first.kept, second.kept) == (0, 1)
 
 
@@ -124,21 +124,21 @@ def test_pair_in_which_nothing_moved_is_not_matched_again(still):
 def test_change_of_five_by_five_samples_in_one_image_is_matched(still, side, levels, kept):
     matcher, first, *pair = still
     pair[side] = brighter(pair[side], levels, slice(100, 105), slice(200, 205))
-    assert matcher.matched(*pair, first).kept == kept
+    assert matcher.match(*pair, first).kept == kept
 
 
 def test_light_that_drifts_is_matched_again_before_it_has_drifted_far(still):
     matcher, last, left, right = still
     kept = []
     for levels in range(2, 13, 2):
-        last = matcher.matched(brighter(left, levels), brighter(right, levels), last)
+        last = matcher.match(brighter(left, levels), brighter(right, levels), last)
         kept.append(last.kept)
     assert kept == [1, 2, 0, 1, 2, 0]
 
 
 def test_disparity_is_kept_for_a_number_of_pairs_at_most(still):
     matcher, last, left, right = still
-    kept = [(last := matcher.matched(left, right, last)).kept for _ in range(KEPT_MAX + 2)]
+    kept = [(last := matcher.match(left, right, last)).kept for _ in range(KEPT_MAX + 2)]
     assert kept == [*range(1, KEPT_MAX + 1), 0, 1]
 
 

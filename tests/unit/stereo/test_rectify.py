@@ -124,7 +124,7 @@ def test_rectifier_takes_colour_on_the_left_and_refuses_other_sizes():
 def test_a_reduced_pair_has_the_greys_of_the_whole_pair_and_means_of_its_image() -> None:
     rig = toy_rig(rotation_deg=TURN, distortion=BROWN)
     rectifier, images = Rectifier(rig), ToyWorld().pair(rig)
-    whole, reduced = rectifier(*images), rectifier.reduced(*images, 2)
+    whole, reduced = rectifier(*images), rectifier.reduce(*images, 2)
     np.testing.assert_array_equal(reduced.picture(), whole.image)
     np.testing.assert_array_equal(reduced.left_grey, whole.left_grey)
     np.testing.assert_array_equal(reduced.right_grey, whole.right_grey)
