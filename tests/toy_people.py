@@ -63,7 +63,7 @@ def seen_body(rays: PixelRays, person: tuple[float, ...], table: BodyTable | Non
     inside = (u >= 0) & (u < table.cover.shape[2]) & (w >= 0) & (w < table.cover.shape[3])
     u, w = np.where(inside, u, 0), np.where(inside, w, 0)
     way = np.rint((facing - np.arctan2(ey, ex)) * FACINGS / (2 * np.pi)).astype(int) % FACINGS
-    p = np.where(len(table.cover) > 1, way + FACINGS * (lean > 0.5 * LEAN_M), 0)
+    p = (way + FACINGS * (lean > 0.5 * LEAN_M)) % len(table.cover)
     cover = np.where(inside, table.cover[p, a, u, w], 0.0)
     return cover, along * cos - dz * sin - table.front[p, a, u, w] / scale
 

@@ -22,6 +22,13 @@ THING_SHARE = 0.1
 """Share of what comes into view that is moved furniture and carried things, of any height up to a person's."""
 THING_RADII = (0.12, 0.2, 0.34)
 """Radii of things over their heights, from a pillar to a crate."""
+FLAT_RADIUS = 0.1
+FLAT_DEPTH = 0.1
+"""Half breadth of a flat thing over its height, as of the part of a door's leaf that shows, and its depth over its
+breadth."""
+CARRIED_FROM = 0.85
+CARRIED_RADIUS = 0.2
+"""Where a carried thing begins, and its radius, over the height of its top: nothing is below."""
 SPEED_MAX_MPS = 2.5
 """Fastest walk [m/s]: men change to running at 2.0 to 2.5 m/s (Hreljac 1993)."""
 SEEN_STD_M = 0.1
@@ -195,12 +202,24 @@ def body_table() -> BodyTable:
 
 @lru_cache(maxsize=1)
 def thing_tables() -> tuple[BodyTable, ...]:
-    """Tables of things: upright cylinders with a flat top, scaled as bodies are."""
+    """Tables of things, scaled as bodies are: upright cylinders with a flat top, one that is carried, and flat ones."""
+    round_ones = [(0.0, radius) for radius in THING_RADII]
     tables = []
-    for slimness in THING_RADII:
-        cylinder = (0.0, 1.0, slimness * TORSO.height_m, 1.0)
-        tables.append(build_table((BodyPart((cylinder,), BLUR_M),), u_cells=2 * U_CELLS))
+    for bottom, radius in [*round_ones, (CARRIED_FROM, CARRIED_RADIUS)]:
+        tables.append(_thing_table(bottom, radius * TORSO.height_m, 1.0))
+    ways = []
+    for way in range(FACINGS // 2):  # front and back look the same
+        ways.append(_thing_table(0.0, FLAT_RADIUS * TORSO.height_m, FLAT_DEPTH, 2 * math.pi * way / FACINGS))
+    cover = np.concatenate([table.cover for table in ways])
+    front = np.concatenate([table.front for table in ways])
+    tables.append(ways[0]._replace(cover=cover, front=front))
     return tuple(tables)
+
+
+def _thing_table(bottom: float, half_m: float, depth: float, turn_rad: float | None = None) -> BodyTable:
+    """Table of one cylinder from a relative height up."""
+    part = BodyPart(((bottom, 1.0, half_m, depth),), BLUR_M)
+    return build_table((part,), turn_rad, u_cells=2 * U_CELLS)
 
 
 def build_table(

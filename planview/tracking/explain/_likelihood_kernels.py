@@ -100,11 +100,9 @@ def _surface(i, pose, samples, table):  # type: ignore[no-untyped-def]
     rays = samples.rays
     pixel = samples.pixels[i]
     _, _, h, facing, lean = pose
-    posture = 0
-    if len(table.cover) > 1:
-        posture = int(facing * FACINGS_PER_RAD + (4 * FACINGS) - pixel.turn) & (FACINGS - 1)
-        posture += FACINGS if lean > pixel.slant * LEAN_M else 0
-    cell = posture, int(pixel.angle), int(rays[ACROSS, i]), int(rays[UP, i])
+    posture = int(facing * FACINGS_PER_RAD + (4 * FACINGS) - pixel.turn) & (FACINGS - 1)
+    posture += FACINGS if lean > pixel.slant * LEAN_M else 0
+    cell = posture & (len(table.cover) - 1), int(pixel.angle), int(rays[ACROSS, i]), int(rays[UP, i])
     at = rays[AHEAD, i] - table.front[cell] * h / TORSO_HEIGHT_M
     return table.cover[cell], at, (rays[CZ, i] - rays[SIN, i] * at) / h
 

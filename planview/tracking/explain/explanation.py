@@ -339,8 +339,8 @@ class Samples:
         evidence = ascent.ascend(pose, curvature, search, person, self._others, self.arrays, self._table, self._model)
         return float(evidence), curvature
 
-    def against_thing(self, pose: F64, stature: F64) -> float:
-        """Log-likelihood ratio of a person at a pose to the thing that explains the same pixels best."""
+    def against_things(self, pose: F64, stature: F64) -> F64:
+        """(K,) log-likelihood ratios of a person at a pose to a thing of each shape where it explains best."""
         things = []
         for table in body.thing_tables():
             start = pose * THING_START
@@ -350,7 +350,7 @@ class Samples:
             ascent.ascend(at, np.zeros(6), search, thing, self._others, self.arrays, table, self._model)
             end = tuple(at.tolist())
             things.append(float(kernels.log_ratio(end, end[2], NO_COLOURS, self.arrays, table, self._model)))
-        return self.log_ratio(pose, stature, NO_COLOURS) - max(things)
+        return self.log_ratio(pose, stature, NO_COLOURS) - np.array(things)
 
     def visible_patches(self, pose: F64, stature: F64, ratios: F32) -> F64:
         """(3,) patches of a body that it explains better than all else, that show something, and that are in view."""

@@ -160,7 +160,7 @@ class Proof:
 
     Attributes:
         log_odds: of existence.
-        shape: log-likelihood ratio of a person's shape to a thing's.
+        shape: (K,) log-likelihood ratios of a person's shape to those of things, which keep theirs; (1,) 0 at first.
         height_patches: over which the head has been in view.
         upright_density: mean density of the heights there as those of anybody upright [1/m].
         spent: by the camera's place in the rig (H, W) uint8, 1 where a pixel has been evidence; empty before the first
@@ -168,7 +168,7 @@ class Proof:
     """
 
     log_odds: float = BORN_LOG_ODDS
-    shape: float = 0.0
+    shape: F64 = field(default_factory=lambda: np.zeros(1))
     height_patches: float = 0.0
     upright_density: float = 0.0
     spent: dict[int, U8] = field(default_factory=dict)

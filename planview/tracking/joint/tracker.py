@@ -231,7 +231,10 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             if new_share and self._is_visible(person):  # a thing that stands shows nothing new
                 own = samples.person(i)
                 own.lay_others(people, np.flatnonzero(shared[i]))
-                person.proof.shape += new_share * own.against_thing(people.poses[i], people.statures[i])
+                shape = own.against_things(people.poses[i], people.statures[i])
+                if not person.glimpse.head_in_view:  # a body without its head may look as flat as any thing
+                    shape = np.maximum(shape, 0.0)
+                person.proof.shape = person.proof.shape + new_share * shape
 
     def _learn_clothes(self, frame: Explanation, owners: Sequence[Owners], dt_s: float) -> None:
         """Learn the colours of people who stand apart; without colours, people who touch may be exchanged, which
@@ -332,7 +335,8 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         view: elsewhere the height is the prior."""
         proof = person.proof
         moved = person.identity.walk.evidence
-        shape = math.log(2.0) - float(np.logaddexp(0.0, -proof.shape))  # half of all things are of any shape
+        thing = float(np.logaddexp.reduce(-proof.shape)) - math.log(len(proof.shape))
+        shape = math.log(2.0) - float(np.logaddexp(0.0, thing))  # half of all things are of any shape
         if proof.height_patches == 0.0:
             return moved + shape + math.log((1 - body.THING_SHARE) / body.THING_SHARE)
         low = self.params.low_share / body.HEIGHT_MEAN_M

@@ -127,7 +127,7 @@ def test_a_body_explains_a_body_better_than_a_box_and_a_box_a_box(height_m, shap
     pose = upright_pose((0.0, 3.0, height_m))
     samples = around(explained(look_at(oblique_camera(), [(*pose[:3], np.pi / 2)], table=table)), pose)
     samples.ascend(pose, pose.copy(), loose_prior(1.0, 1.0), TALL, SAME)
-    ratio = samples.against_thing(pose, TALL)
+    ratio = samples.against_things(pose, TALL).min()
     assert ratio > 0 if shape == "body" else ratio < -5
 
 
