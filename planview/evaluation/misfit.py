@@ -227,7 +227,6 @@ AXES = (
 )
 UNITS = (
     _about_truth("'s unit is feet", "give metres", _lay(0.3048)),
-    _about_truth("'s unit is inches", "give metres", _lay(0.0254)),
     _about_truth("'s unit is centimetres", "give metres", _lay(0.01)),
     _about_truth("'s unit is millimetres", "give metres", _lay(0.001)),
     _about_tracks("' unit is centimetres", "give metres", _lay(0.01)),

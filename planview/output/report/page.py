@@ -164,9 +164,9 @@ def _people(run: RunFolder) -> list[dict[str, Any]]:
             "first": f"{times_s[0]:.1f}",
             "last": f"{times_s[-1]:.1f}",
             "observed": f"{len(person) * run.clock.frame_s:.1f}",
-            "way": _known(way_m, ".1f"),
-            "speed": _known(speed, ".2f"),
-            "height": _known(height_m, ".2f"),
+            "way": _number_text(way_m, ".1f"),
+            "speed": _number_text(speed, ".2f"),
+            "height": _number_text(height_m, ".2f"),
         })  # fmt: skip
     return rows
 
@@ -178,7 +178,7 @@ def _way_m(person: Trajectories, times_s: F64) -> float:
     return float(np.hypot(np.diff(places.x_m), np.diff(places.y_m)).sum())
 
 
-def _known(value: float, form: str) -> str:
+def _number_text(value: float, form: str) -> str:
     """A number as text; empty where it is NaN."""
     return "" if math.isnan(value) else format(value, form)
 
@@ -224,11 +224,12 @@ def changed_settings(config: dict[str, JsonValue]) -> list[tuple[str, str, str]]
     """Parameters that differ from the defaults, their values, and the defaults, ready to print."""
     from planview.engine.config import Config  # takes 2 s and 80 MB
 
-    before = flat_settings(Config().model_dump(mode="json"))
+    defaults = flat_settings(Config().model_dump(mode="json"))
     rows = []
     for name, value in flat_settings(config).items():
-        if value != before.get(name):
-            rows.append((name, figure_text(value), figure_text(before.get(name))))
+        default = defaults.get(name)
+        if value != default:
+            rows.append((name, figure_text(value), figure_text(default)))
     return rows
 
 
