@@ -125,8 +125,8 @@ class Viewpoint:
         """Whether so many corners have changed between two images of width ``WIDTH_PX`` that ``turn`` is worth its
         time."""
         columns, rows = self._corners.astype(np.intp).T
-        changed = cv2.absdiff(before, now)[rows, columns] > CHANGED_LUMA
-        return bool(np.count_nonzero(changed) > CHANGED_SHARE * len(changed))
+        changes = cv2.absdiff(before, now)[rows, columns]
+        return bool((changes > CHANGED_LUMA).sum() > CHANGED_SHARE * len(changes))
 
     def _stays(self, now: U8) -> bool:
         """Whether every second corner shows, without a wide search, that the camera has not moved."""
@@ -188,10 +188,6 @@ class Viewpoints:
                 return None
             turns.append(turn)
         return np.array(turns)
-
-    def may_have_turned(self, before: Sequence[U8], now: Sequence[U8]) -> bool:
-        """Whether one of the cameras may have rotated between two shots of images of width ``WIDTH_PX``."""
-        return any(map(Viewpoint.may_have_turned, self.cameras, before, now))
 
 
 class Sway(NamedTuple):
@@ -362,7 +358,7 @@ class Standing(Carried):
                 self._turns = deque([*self._turns][-1:] * LOOKS_MIN)
             if how and self.first is None:
                 self.first, self.how = (frame, timestamp_s), how
-        elif self._viewpoints.may_have_turned(self._compared, images):
+        elif any(map(Viewpoint.may_have_turned, self._viewpoints.cameras, self._compared, images)):
             self._watch_for_sway(images, self._viewpoints.turns(images))
         if self._is_moved:
             self.moved_frames += 1
