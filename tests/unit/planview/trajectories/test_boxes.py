@@ -33,11 +33,17 @@ def file_of(tmp_path: Path, *ends: str) -> Path:
     return written(tmp_path, "".join(f"1,{k + 1},{BOX},{end}\n" for k, end in enumerate(ends)))
 
 
-def test_pets_rows_count_frames_from_zero_and_carry_boxes_and_metres_where_they_are_known(tmp_path: Path) -> None:
+def test_pets_rows_hold_boxes_with_metres(tmp_path: Path) -> None:
     truth = load_truth(written(tmp_path, "2,5,10,20,30,40,1,1.5,-2.5,0\n1,5,11,20,30,40,1,1.4,-2.5,0\n"))
     assert truth.frame.tolist() == [0, 1] and truth.box_px[1].tolist() == [10, 20, 30, 40]
     assert (truth.x_m[1], truth.y_m[1]) == (1.5, -2.5)
+
+
+def test_pets_rows_without_metres_have_no_place(tmp_path: Path) -> None:
     assert np.isnan(load_truth(written(tmp_path, "1,5,11,20,30,40,1\n")).x_m).all()
+
+
+def test_pets_rows_of_minus_one_have_no_place(tmp_path: Path) -> None:
     unknown = load_truth(written(tmp_path, "1,1,10,20,30,40,1,-1,-1,-1\n1,2,50,20,30,40,1,-1,-1,0\n"))
     assert np.isnan(unknown.x_m).tolist() == [True, False]
 
@@ -48,9 +54,15 @@ def test_motchallenge_truth_has_visibility_instead_of_metres(tmp_path: Path) -> 
     assert truth.visible.tolist() == [0.9, IGNORED, 0.25] and np.isnan(truth.x_m).all()
 
 
-def test_truth_with_confidence_zero_is_left_out_and_results_with_it_are_kept(tmp_path: Path) -> None:
-    path = written(tmp_path, "1,1,10,20,30,40,1,2.5,3.5,0\n1,2,50,20,30,40,0,4.5,5.5,0\n")
-    assert (load_truth(path).track_id.tolist(), load_tracks(path).track_id.tolist()) == ([1], [1, 2])
+UNSURE = "1,1,10,20,30,40,1,2.5,3.5,0\n1,2,50,20,30,40,0,4.5,5.5,0\n"
+
+
+def test_truth_with_confidence_zero_is_left_out(tmp_path: Path) -> None:
+    assert load_truth(written(tmp_path, UNSURE)).track_id.tolist() == [1]
+
+
+def test_results_with_confidence_zero_are_kept(tmp_path: Path) -> None:
+    assert load_tracks(written(tmp_path, UNSURE)).track_id.tolist() == [1, 2]
 
 
 @pytest.mark.parametrize("columns", ["1,2,0.5,0", "1,2.5,0.5", "0.5,2,0.5", "1,2,-0.5"])

@@ -19,10 +19,13 @@ def written(tmp_path: Path, text: str) -> Path:
     return path
 
 
-def test_laboratory_rows_become_metres_and_seconds_and_our_own_are_recognised_by_their_header(tmp_path: Path) -> None:
+def test_laboratory_rows_become_metres_and_seconds(tmp_path: Path) -> None:
     tracks = load_tracks(written(tmp_path, "3 32 100 -50 175\n"))
     assert (tracks.track_id[0], tracks.frame[0], tracks.timestamp_s[0]) == (3, 32, 2.0)
     assert (tracks.x_m[0], tracks.y_m[0], tracks.height_m[0]) == (1.0, -0.5, 1.75)
+
+
+def test_our_own_truth_is_recognised_by_its_header(tmp_path: Path) -> None:
     assert load_truth(written(tmp_path, "frame,id,x_m,y_m,height_m\n0,1,2,3,1.8\n")).height_m[0] == 1.8
 
 
@@ -49,6 +52,11 @@ def test_columns_are_those_that_a_line_names_in_any_order_and_unit(tmp_path: Pat
     table = load_tracks(written(tmp_path, text))
     assert (table.frame[0], table.track_id[0], table.timestamp_s[0]) == (30, 7, 2.0)
     assert (table.x_m[0], table.y_m[0], table.height_m[0]) == pytest.approx((1.5, 2.5, 1.75))
+
+
+def test_height_without_a_unit_has_that_of_x(tmp_path: Path) -> None:
+    table = load_tracks(written(tmp_path, "# id frame x/cm y/cm z\n7 30 150 250 175\n"))
+    assert (table.x_m[0], table.height_m[0]) == (1.5, 1.75)
 
 
 @pytest.mark.parametrize("text", ["# id frame x y\n7 30 1.5 2.5\n", "frame,id,x,y\n30,7,1.5,2.5\n"])

@@ -58,6 +58,14 @@ def test_report_of_tracks_alone_shows_paths_density_curves_with_identities(tmp_p
     assert "No run.json in this folder" in page
 
 
+def test_report_of_boxes_alone_shows_paths_in_the_image_without_a_density(tmp_path: Path) -> None:
+    rows = [f"{t},{t / 10:.4f},1,,,,confirmed,{10 + t},20,30,60\n" for t in range(30)]
+    header = HEADER.rstrip() + ",left_px,top_px,width_px,height_px\n"
+    (tmp_path / "tracks.csv").write_text(header + "".join(rows))
+    page = write_report(tmp_path).read_text()
+    assert "<h2>Paths</h2>" in page and "<h2>Density</h2>" not in page
+
+
 def test_report_of_a_full_run_shows_everything(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_tracks(tmp_path)
     write_run_info(full_info(), tmp_path / "run.json")
@@ -109,9 +117,12 @@ def test_files_that_are_not_what_they_say_are_named(tmp_path: Path, name: str, t
         write_report(tmp_path)
 
 
-def test_folder_without_tracks_is_refused_and_a_page_that_cannot_be_written_is_work_failed(tmp_path: Path) -> None:
+def test_folder_without_tracks_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"tracks\.csv"):
         write_report(tmp_path)
+
+
+def test_page_that_cannot_be_written_is_work_failed(tmp_path: Path) -> None:
     write_tracks(tmp_path)
     (tmp_path / "report.html").mkdir()
     with pytest.raises(WorkError, match="cannot be written"):
