@@ -202,5 +202,5 @@ def replay(
     log.debug("tracking")
     replayed = replay_run(results, config, frame, progress, matcher)
     write_difference(results, replayed, frame, ", ".join(overrides) or "again", picture)
-    lines = [f"tracked from {replayed.source}", *difference_text(results, replayed, frame)]
-    return Result(replayed.results.tracks, "\n".join(lines), {"source": str(replayed.source)}, files=[picture])
+    text = "\n".join(difference_text(results, replayed, frame))
+    return Result(replayed.results.tracks, text, {"source": str(replayed.source)}, files=[picture])

@@ -108,6 +108,7 @@ def run(call: Call) -> None:
 def replay(call: Call) -> None:
     """Example: planview replay out --frame 310 --set joint.patch_m=0.15"""
     found = call()
+    say(f"tracked from {found.values['source']}")
     print(found)
     say(found.files[0])
 
