@@ -41,8 +41,8 @@ from planview.checks.scene import (
 from planview.checks.sensors import watch_sensors
 from planview.checks.timing import frame_checks
 from stereo.floor import DepthFrames, FloorSearch, PairFrames, frames_of_one_view, spread_frames
-from stereo.readers import OpenOptions, find_layout, holds_pair, open_any, open_video
-from stereo.readers.open import SeveralSensors, is_multi_rig, open_rigs
+from stereo.readers import OpenOptions, find_layout, find_reader, open_any, open_video
+from stereo.readers.open import OF_TWO_IMAGES, SeveralSensors, is_multi_rig, open_rigs
 from stereo.recording import Frame, Recording, Shot, SingleCamera, refuse_untimed
 from stereo.viewpoint import Standing, Viewpoints
 
@@ -183,9 +183,10 @@ def _video_of_one(path: Path, options: OpenOptions) -> Recording[SingleCamera] |
     if options.calibration is not None:
         if not holds_one_camera(options.calibration):
             return None
-    elif holds_pair(path, options):
-        return None
     else:
+        with suppress(InputError):
+            find_reader(path, OF_TWO_IMAGES)
+            return None
         with suppress(InputError):
             find_layout(path, options)
             return None  # two views in one video

@@ -17,15 +17,15 @@ from planview.engine.engine import Engine
 from planview.engine.sensor import CameraSensor, DepthSensor, RecordedSensor, RigSensor
 from planview.engine.setup import Setup, set_up
 from planview.maps.grid import floor_in_view
-from planview.maps.recording import MapsRecording, RecordedViews, is_maps
+from planview.maps.recording import MAPS, MapsRecording, RecordedViews
 from planview.tracking.base import ImageTracker, Needs, Tracker, refuse_tracker
 from planview.tracking.detections import BoxTracker, DetectionTracker
 from planview.tracking.joint import JointTracker
 from planview.tracking.template import TemplateTracker
 from planview.trajectories.detections import Detections, load_detections
 from stereo.matcher import Matcher
-from stereo.readers import OpenOptions, holds_pair, open_any, open_video
-from stereo.readers.open import SeveralSensors, is_multi_rig, open_rigs
+from stereo.readers import OpenOptions
+from stereo.readers.open import OF_TWO_IMAGES, ONE_CAMERA, READERS, SEVERAL, SeveralSensors, find_reader, open_by
 from stereo.recording import Recording, SingleCamera, StereoPair, refuse_untimed
 
 TrackerName = Literal["joint", "template", "human-model", "ellipse-particle"]
@@ -75,23 +75,22 @@ def open_engine(
         raise InputError(f"expected OpenOptions, found {type(options).__name__}", argument="options")
     options = options or OpenOptions()
     of_images = detections is not None or _needs(tracker) == "image"
-    recording = open_source(path, options, of_images, camera)
+    recording = open_source(path, options, of_images)
     return engine_of(recording, tracker, config, camera=camera, matcher=matcher, detections=detections, study=True)
 
 
-def open_source(
-    path: Path, options: OpenOptions, of_images: bool = False, camera: Path | GroundCamera | None = None
-) -> AnySource:
+SOURCES = (MAPS, SEVERAL, *READERS)
+IMAGE_SOURCES = (MAPS, SEVERAL, *OF_TWO_IMAGES, ONE_CAMERA)
+"""Readers of all that is tracked, and those for trackers that need no depth."""
+
+
+def open_source(path: Path, options: OpenOptions, of_images: bool = False) -> AnySource:
     """A recording of any kind: plan-view maps, several sensors, a pair, images with depth or, where ``of_images`` says
     that no depth is needed, one camera. Raises InputError: nothing there that can be read, or a calibration for sensors
     that have their own."""
-    if is_maps(path) or is_multi_rig(path):
-        if (foreign := camera or options.calibration) is not None:
-            raise InputError(f"{foreign}: expected no calibration for {path}, whose sensors have their own")
-        return MapsRecording(path) if is_maps(path) else open_rigs(path, options.fps)
-    if of_images and not (options.calibration or options.right or holds_pair(path)):
-        return open_video(path, options)
-    return open_any(path, options)
+    readers = IMAGE_SOURCES if of_images and options.calibration is None else SOURCES
+    source: AnySource = open_by(readers, path, options)
+    return source
 
 
 def engine_of(
@@ -181,19 +180,23 @@ def _default_config(sensor: object, path: Path) -> Config:
 
 @_default_config.register
 def _recorded_config(sensor: RecordedViews, path: Path) -> Config:
-    """Raises InputError: parameters that this version does not have."""
-    try:
-        return Config.model_validate_json(sensor.config)
-    except ValueError as error:
-        raise InputError(
-            f"{path}: expected the parameters of this version, found others: another version wrote the maps"
-        ) from error
+    return _parsed_config(sensor.config, path)
 
 
 def base_config(path: Path) -> Config:
     """What parameters are changed from, of a recording that is not open yet. Raises InputError: maps that cannot be
     read."""
-    return _recorded_config(MapsRecording(path).sensor, path) if is_maps(path) else Config()
+    return _parsed_config(find_reader(path, IMAGE_SOURCES).config(path), path)
+
+
+def _parsed_config(text: str, path: Path) -> Config:
+    """The parameters in JSON, the defaults where there is none. Raises InputError: those of another version."""
+    try:
+        return Config.model_validate_json(text or "{}")
+    except ValueError as error:
+        raise InputError(
+            f"{path}: expected the parameters of this version, found others: another version wrote the maps"
+        ) from error
 
 
 def _needs(tracker: AnyTracker) -> Needs:

@@ -33,7 +33,8 @@ from planview.maps.view import CODES, NO_DEPTH, View
 from planview.trajectories.hdf5 import SIGNATURE, open_hdf5
 from stereo.depth import RectifiedGeometry
 from stereo.matcher import DisparityRange
-from stereo.recording import Frame, OpenOptions, Skipped
+from stereo.readers.base import Layout, Reader
+from stereo.recording import Frame, FrameClock, OpenOptions, Skipped
 
 FORMAT = "planview maps"
 VERSION = 2
@@ -113,7 +114,7 @@ class MapsRecording:
         self.files = (path,)
         with _reading(path), open_hdf5(path) as file:
             _check_version(path, file)
-            self.sensor = RecordedViews(_read_rig(file), str(file.attrs["config"]))
+            self.sensor: RecordedViews = RecordedViews(_read_rig(file), str(file.attrs["config"]))
             self.fps = _number(file.attrs["fps"], "fps", 1e-3, 1e4)
             self._indices, self._times, self._ends, self._unmatched_ends, self._renewed = (
                 _column(file, name, kind) for name, kind in COLUMNS.items() if name.startswith(("frames", "background"))
@@ -200,7 +201,7 @@ def _ascend(pixels: AnyArray, below: int) -> bool:
     return not len(pixels) or bool(pixels[0] >= 0 and pixels[-1] < below and (np.diff(pixels) > 0).all())
 
 
-def is_maps(path: Path) -> bool:
+def _is_hdf5(path: Path) -> bool:
     """Whether a path is a file of HDF5, by its name or its first bytes."""
     if not path.is_file():
         return False
@@ -208,6 +209,16 @@ def is_maps(path: Path) -> bool:
         return True
     with path.open("rb") as file:
         return file.read(len(SIGNATURE)) == SIGNATURE
+
+
+def _find_maps(path: Path, options: OpenOptions) -> Layout:
+    if options.calibration is not None:
+        raise InputError(f"{options.calibration}: expected no calibration for {path}, which has its own")
+    recording = MapsRecording(path)
+    return Layout("maps", (), recording.n_frames, FrameClock(recording.fps), (), 0, lambda: recording)
+
+
+MAPS = Reader("maps", "plan-view maps", _is_hdf5, _find_maps, lambda path: MapsRecording(path).sensor.config)
 
 
 def _check_version(path: Path, file: Any) -> None:

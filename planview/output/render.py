@@ -32,8 +32,9 @@ from planview.output.run_folder import RunFolder
 from planview.progress import Progress, unseen
 from stereo.depth import median_image, point_cloud
 from stereo.floor import setup_frames
-from stereo.readers import OpenOptions, holds_pair, open_any
-from stereo.readers.open import SeveralSensors
+from stereo.readers import OpenOptions
+from stereo.readers.base import AnyRecording
+from stereo.readers.open import OF_TWO_IMAGES, READERS, SeveralSensors, open_by
 from stereo.recording import DepthCamera, Frame, Recording, Shot, SingleCamera, StereoPair
 from stereo.rectify import Rectifier, RectifyParams
 from stereo.rgbd import RgbdRectifier
@@ -303,9 +304,7 @@ def scene_of(path: Path, options: OpenOptions | None = None) -> PointCloud:
         recording = run.recording or path
         if options.calibration is None:
             options = run.options
-    if not recording.exists() or not (options.calibration or holds_pair(recording, options)):
-        raise InputError(f"{recording}: expected a recording of a stereo pair or of images with depth, found none")
-    opened = open_any(recording, options)
+    opened: AnyRecording = open_by(OF_TWO_IMAGES if options.calibration is None else READERS, recording, options)
     rig = set_up(opened, config)
     depths = [rig.measure(frame.images) for frame in setup_frames(opened, config.analysis.setup_frames)]
     colours = np.median(np.stack([as_colour(depth.image) for depth in depths]), axis=0).astype(np.uint8)

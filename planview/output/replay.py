@@ -18,7 +18,6 @@ from calib.types import U8
 from planview.engine.config import Config
 from planview.engine.open import FIXED_TABLES, TrackerName, open_engine
 from planview.evaluation.metrics import build_sequence, clear_scores, floor_similarity
-from planview.maps.recording import is_maps
 from planview.output.render import SceneComposer, frames_or_none
 from planview.output.resume import part_name
 from planview.output.run_folder import RunFolder
@@ -158,11 +157,11 @@ def replay_run(
     recording, with the run's own matcher. Raises InputError: no recording any more, parameters that its maps exclude,
     or another matcher. WorkError: the recording ends before the frame."""
     path = _source(results, config)
-    options: OpenOptions | None = results.options
+    options: OpenOptions | None = results.info.opened
     missing = dict(results.info.own_parts)
     if matcher is not None:
         _refuse_another(matcher, missing.pop("matcher", "SGBM"))
-    if is_maps(path):  # these hold what a matcher and sensors of the user's own measured
+    if path == results.path / "maps.h5":  # these hold what a matcher and sensors of the user's own measured
         matcher = options = None
         missing = {role: name for role, name in missing.items() if role == "tracker"}
     remedy = "replay it from Python and give the same matcher" if [*missing] == ["matcher"] else "run it again"
@@ -197,7 +196,7 @@ def _source(results: RunFolder, config: Config) -> Path:
     fixed = all(getattr(results.config, table) == getattr(config, table) for table in (*FIXED_TABLES, "maps"))
     if maps.is_file() and fixed:
         return maps
-    path = results.tracked if results.tracked is not None and is_maps(results.tracked) else results.recording
+    path = results.tracked
     if path is None or not path.exists():
         raise InputError(f"{path}: expected the recording of the run, found nothing there")
     return path

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cache
@@ -17,9 +17,8 @@ from calib.errors import InputError, WorkError
 from calib.io import ATTEMPT, whole_folder
 from calib.world import load_rigs
 from planview.engine.config import Config, load_config
-from planview.engine.open import TrackerName, base_config, open_engine
+from planview.engine.open import IMAGE_SOURCES, TrackerName, base_config, open_engine
 from planview.evaluation.evaluate import evaluate_tracks
-from planview.maps.recording import is_maps
 from planview.output.folder import folder_lock, read_run_info, write_result
 from planview.output.resume import code_version, content_key, key_of
 from planview.output.run import run
@@ -31,7 +30,7 @@ from planview.studies.study import Configuration, RecordingEntry, Study
 from planview.studies.workers import Done, on_workers
 from planview.trajectories.formats import load_tracks, load_truth, truth_file
 from stereo.readers import OpenOptions
-from stereo.readers.open import is_multi_rig, rigs_file
+from stereo.readers.open import find_reader, rigs_file
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -113,16 +112,28 @@ def identify(name: str, entry: RecordingEntry) -> StudyInput | InputError:
     path = entry.path
     files = [file for file in (entry.calibration, entry.camera) if file is not None]
     try:
-        if is_multi_rig(path):  # its recordings may lie anywhere
-            path = rigs_file(path)
-            files += [path.parent / rig.folder for rig in load_rigs(path)]
-        elif not is_maps(path):
-            files += companion_files(path)
-        key = key_of(entry.fps, *(content_key(file) for file in (path, *files)))
-        truth = entry.truth or truth_file(entry.path.parent if is_maps(entry.path) else entry.path)
+        reader = find_reader(path, IMAGE_SOURCES)
+        files += FILES.get(reader.key, files_of_images)(path)
+        key = key_of(entry.fps, *map(content_key, files))
+        truth = entry.truth or truth_file(path if path.is_dir() else path.parent)
         return StudyInput(name, entry, key, base_config(entry.path), truth, content_key(truth) if truth else "")
     except InputError as error:
         return error
+
+
+def files_of_images(path: Path) -> list[Path]:
+    """What tracks depend on: the recording and its companions."""
+    return [path, *companion_files(path)]
+
+
+def files_of_sensors(path: Path) -> list[Path]:
+    """rigs.toml, and the folders of the sensors."""
+    file = rigs_file(path)
+    return [file, *(file.parent / rig.folder for rig in load_rigs(file))]
+
+
+FILES: dict[str, Callable[[Path], list[Path]]] = {"sensors": files_of_sensors, "maps": lambda path: [path]}
+"""By the key of a reader, what tracks depend on; of all others ``files_of_images``."""
 
 
 def companion_files(path: Path) -> list[Path]:

@@ -84,7 +84,7 @@ class Layout:
     """What a reader found at a path; nothing is decoded yet but a first image of each camera.
 
     Attributes:
-        kind: images of two cameras, or images with depth.
+        kind: images of two cameras, images with depth, or of one camera; several of these, or plan-view maps.
         n_frames: frames announced (an upper bound).
         clock: when they were taken.
         notes: what the reader assumed, repaired or missed, a sentence each, for the summary and run.json.
@@ -92,13 +92,13 @@ class Layout:
         open: the recording with its calibration; raises InputError where that is missing or does not fit.
     """
 
-    kind: Literal["stereo", "rgbd"]
+    kind: Literal["stereo", "rgbd", "camera", "sensors", "maps"]
     streams: tuple[Stream, ...]
     n_frames: int
     clock: FrameClock
     notes: tuple[str, ...]
     unpaired: int
-    open: Callable[[], AnyRecording]
+    open: Callable[[], Any]
 
 
 @dataclass(frozen=True)
@@ -109,12 +109,14 @@ class Reader:
         key, name: short, for JSON, and as messages show it.
         fits: whether a path looks like it; reads names and first bytes only, and raises InputError where it may not.
         find: what is there; raises InputError when it looked like it but cannot be read.
+        config: JSON of the parameters that a run made it with; empty where no run did.
     """
 
     key: str
     name: str
     fits: Callable[[Path], bool]
     find: Callable[[Path, OpenOptions], Layout]
+    config: Callable[[Path], str] = lambda path: ""
 
 
 class FramePairs(NamedTuple):
@@ -125,6 +127,10 @@ class FramePairs(NamedTuple):
     n_frames: int
     unpaired: int = 0
     live: bool = False
+
+
+def _files_of(streams: Sequence[Stream]) -> list[Path]:
+    return list(dict.fromkeys(file for stream in streams for file in stream.files))
 
 
 def stereo_layout(
@@ -142,7 +148,7 @@ def stereo_layout(
     def open_recording() -> Recording[StereoPair]:
         kind = LiveRecording if pairs.live else Recording[StereoPair]
         sensor = StereoPair(rig(), world_pose(folder or path))
-        return kind(path, pairs.decode, pairs.n_frames, clock, [*remarks], sensor)
+        return kind(path, pairs.decode, pairs.n_frames, clock, [*remarks], sensor, files=_files_of(streams))
 
     return Layout("stereo", streams, pairs.n_frames, clock, remarks, pairs.unpaired, open_recording)
 
@@ -193,7 +199,8 @@ def rgbd_layout(
             units,
             calibrated.depth_camera,
         )
-        return Recording(path, together(images, depths), images.n_frames, clock, said, sensor)
+        decode = together(images, depths)
+        return Recording(path, decode, images.n_frames, clock, said, sensor, files=_files_of(streams))
 
     return Layout("rgbd", streams, images.n_frames, clock, remarks, unpaired, open_recording)
 

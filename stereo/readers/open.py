@@ -63,12 +63,14 @@ READERS: tuple[base.Reader, ...] = (
     LIVE,
 )  # fmt: skip
 """In this order: the first that a path fits opens it."""
+OF_TWO_IMAGES = tuple(reader for reader in READERS if reader not in (SIDE_BY_SIDE, LIVE))
+"""Those that do not take the video of one camera for one of two."""
 
 
-def find_reader(path: Path) -> base.Reader:
-    """The reader whose layout a path has. Raises InputError: nothing there, or no layout that is known."""
+def find_reader(path: Path, readers: Sequence[base.Reader] = READERS) -> base.Reader:
+    """The first reader whose layout a path has. Raises InputError: nothing there, or no layout that is known."""
     refuse_unreadable(path, "a recording")
-    if reader := next((reader for reader in READERS if reader.fits(path)), None):
+    if reader := next((reader for reader in readers if reader.fits(path)), None):
         return reader
     if not path.exists():
         raise missing(path)
@@ -107,32 +109,31 @@ def _two_paths(left: Path, options: OpenOptions) -> base.Layout:
     return video_pair(left, videos[0], videos[1], folder, options)
 
 
-def holds_pair(path: Path, options: OpenOptions | None = None) -> bool:
-    """Whether a path holds images of two cameras, or images with depth; one video counts as one camera's."""
-    if options is not None and options.right is not None:
-        return True
-    reader = next((reader for reader in READERS if reader.fits(path)), None)
-    return reader is not None and reader.key not in ("side-by-side", "live")
-
-
-def find_layout(path: Path | str, options: OpenOptions | None = None) -> tuple[base.Reader, base.Layout]:
+def find_layout(
+    path: Path | str, options: OpenOptions | None = None, readers: Sequence[base.Reader] = READERS
+) -> tuple[base.Reader, base.Layout]:
     """What is at a path; no calibration is needed yet. Raises InputError: no recording there, unreadable, or sides that
     differ in size."""
     path = Path(path)
     options = options or OpenOptions()
     two = base.Reader("two-paths", "two recordings of one camera each", lambda path: False, _two_paths)
-    reader = two if options.right is not None else find_reader(path)
+    reader = two if options.right is not None else find_reader(path, readers)
     if options.topics and reader is not BAG:
         raise InputError(f"expected a bag, found {path}: {reader.name}", argument="topics")
     return reader, reader.find(path, options)
 
 
 def open_any(path: Path | str, options: OpenOptions | None = None) -> base.AnyRecording:
-    """Open a recording of any kind, with its calibration (same errors as ``open_recording``)."""
-    layout = find_layout(path, options)[1]
+    """Open a pair or images with depth, with their calibration (same errors as ``open_recording``)."""
+    recording: base.AnyRecording = open_by(READERS, path, options)
+    return recording
+
+
+def open_by(readers: Sequence[base.Reader], path: Path | str, options: OpenOptions | None = None) -> Any:
+    """Open a recording by the first of some readers that it fits."""
+    _, layout = find_layout(path, options, readers)
     recording = layout.open()
     recording.options = options or OpenOptions()
-    recording.files = list(dict.fromkeys(file for stream in layout.streams for file in stream.files))
     return recording
 
 
@@ -325,3 +326,20 @@ def open_rigs(path: Path, fps: float | None = None) -> SeveralSensors:
         parts.append(part)
         starts_s.append(entry.start_s)
     return SeveralSensors(folder, parts, starts_s, options)
+
+
+def _find_several(path: Path, options: OpenOptions) -> base.Layout:
+    if options.calibration is not None:
+        raise InputError(f"{options.calibration}: expected no calibration for {path}, whose sensors have their own")
+    recording = open_rigs(path, options.fps)
+    clock = FrameClock(recording.fps)
+    return base.Layout("sensors", (), recording.n_frames, clock, (), 0, lambda: recording)
+
+
+def _find_camera(path: Path, options: OpenOptions) -> base.Layout:
+    video = open_video(path, options)
+    return base.Layout("camera", (), video.n_frames, video.clock, (*video.notes,), 0, lambda: video)
+
+
+SEVERAL = base.Reader("sensors", "several sensors", is_multi_rig, _find_several)
+ONE_CAMERA = base.Reader("camera", "one camera", lambda path: True, _find_camera)

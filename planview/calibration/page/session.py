@@ -26,7 +26,9 @@ from calib.world import save_world
 from planview.calibration.floor import FloorDepths
 from planview.calibration.page.marks import Draft, Handle, Point, Solution, fit_floor, grabbed, moved, nearest
 from stereo.floor import FloorSearch
-from stereo.readers import OpenOptions, find_layout, holds_pair, open_recording, open_video
+from stereo.readers import OpenOptions, find_layout, find_reader, open_recording, open_video
+from stereo.readers.open import OF_TWO_IMAGES
+from stereo.readers.side_by_side import READER as SIDE_BY_SIDE
 from stereo.recording import Recording, SingleCamera
 
 Tool = Literal["person", "select", "floor"]
@@ -289,9 +291,13 @@ def open_session(path: Path, calibration: Path | None = None) -> CalibrationSess
     """Every frame of a video of one camera to draw on, or the depth of a stereo recording, which it must be with its
     ``calibration``: also both views of a side-by-side video, and the two cameras of a bag. The focal length of
     photographs that give it is taken as known."""
-    stereo = calibration is not None or holds_pair(path)
+    stereo = calibration is not None
+    with suppress(InputError):
+        find_reader(path, OF_TWO_IMAGES)
+        stereo = True
     with suppress(InputError):  # the pictures of a video may be two views of one scene
-        stereo = stereo or find_layout(path)[0].key == "side-by-side"
+        find_layout(path, readers=[SIDE_BY_SIDE])
+        stereo = True
     if stereo:
         view = FloorDepths(open_recording(path, OpenOptions(calibration)), FloorSearch())
         session = CalibrationSession(str(path), [view.image], [0], view)

@@ -13,7 +13,7 @@ import numpy as np
 from calib.types import I64, Bool
 from planview.drawing.style import ERRORS, as_hex
 from planview.evaluation.significant import SignificantError
-from planview.maps.recording import is_maps
+from planview.maps.recording import MAPS
 from planview.output.plot import RUN_COLOURS, NamedTracks, Panel, figure_of
 from planview.output.run_folder import RunFolder
 from planview.trajectories.clock import Clock
@@ -115,7 +115,7 @@ TEMPLATES_MAX = 12
 def plot_templates(run: RunFolder) -> bytes | None:
     """T_H (above) and T_O of people in the middle of their tracks; None without the plan-view maps of the run."""
     files = [run.path / "maps.h5", run.tracked]
-    maps = next((path for path in files if path is not None and is_maps(path)), None)
+    maps = next((path for path in files if path is not None and MAPS.fits(path)), None)
     people = run.people[:TEMPLATES_MAX]
     if maps is None or not len(people):
         return None
