@@ -74,8 +74,8 @@ class Camera:
         zero = np.zeros(3)
         if front.any():
             project = cv2.fisheye.projectPoints if self.model == "fisheye" else cv2.projectPoints
-            found, _ = project(p[front].reshape(-1, 1, 3), zero, zero, self.matrix, self.coefficients)
-            pixels[front] = np.asarray(found, dtype=np.float64).reshape(-1, 2)
+            front_pixels, _ = project(p[front].reshape(-1, 1, 3), zero, zero, self.matrix, self.coefficients)
+            pixels[front] = np.asarray(front_pixels, dtype=np.float64).reshape(-1, 2)
         return pixels
 
     def unproject(self, pixels: ArrayLike) -> F64:
@@ -89,9 +89,11 @@ class Camera:
         undistort = cv2.fisheye.undistortPoints if self.model == "fisheye" else undistort
         criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 500, 1e-13)
         points = np.ascontiguousarray(uv).reshape(-1, 1, 2)
-        found = undistort(points, self.matrix, self.coefficients, R=None, P=None, criteria=criteria)
-        rays = np.column_stack([np.asarray(found, dtype=np.float64).reshape(-1, 2), np.ones(len(uv))])
-        rays[~(np.linalg.norm(self.project(rays) - uv, axis=1) < 1e-6), :2] = np.nan
+        undistorted = undistort(points, self.matrix, self.coefficients, R=None, P=None, criteria=criteria)
+        xy = np.asarray(undistorted, dtype=np.float64).reshape(-1, 2)
+        rays = np.column_stack([xy, np.ones(len(uv))])
+        errors = np.linalg.norm(self.project(rays) - uv, axis=1)
+        rays[~(errors < 1e-6), :2] = np.nan
         return rays
 
     def scaled(self, width: int, height: int) -> Camera:

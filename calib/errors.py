@@ -33,8 +33,8 @@ class _OneLineError(Exception):
 
 
 class UnreadableError(ValueError):
-    """Why something that is there cannot be read, in words that end "found ...": raised where it is known, and carried
-    to the sentence that names the file or the topic."""
+    """Reason for which something that is there cannot be read, in words that end "found ...": raised where it shows,
+    and carried to the sentence that names the file or the topic."""
 
 
 class InputError(_OneLineError):

@@ -181,9 +181,12 @@ def load_ground_camera(path: Path) -> GroundCamera:
         data = load_toml(path, "a camera.toml")
         if unknown := set(data) - keys:
             raise InputError(f"{path}: expected the keys {sorted(keys)}, found {sorted(unknown)[0]!r}")
-        width = int(data["width"])
-        height = int(data["height"])
-        focal_px, height_m, tilt_deg = (float(data[key]) for key in ("focal_px", "height_m", "tilt_deg"))
-        lens = str(data.get("lens", "pinhole"))
-        roll_deg = float(data.get("roll_deg", 0.0))
-        return GroundCamera(width, height, focal_px, height_m, math.radians(tilt_deg), lens, math.radians(roll_deg))
+        return GroundCamera(
+            width=int(data["width"]),
+            height=int(data["height"]),
+            focal_px=float(data["focal_px"]),
+            height_m=float(data["height_m"]),
+            tilt_rad=math.radians(float(data["tilt_deg"])),
+            lens=str(data.get("lens", "pinhole")),
+            roll_rad=math.radians(float(data.get("roll_deg", 0.0))),
+        )

@@ -58,7 +58,7 @@ def focal_share(photo: Path | bytes) -> float:
     ):
         millimetres = float(image.getexif().get_ifd(0x8769).get(0xA405, 0))  # focal length in 35 mm film
     if not 5 <= millimetres <= 2000:
-        found = f"{millimetres:g} mm" if millimetres else "none"
-        raise InputError(f"{name}: expected EXIF with the focal length in 35 mm film, found {found}")
+        actual = f"{millimetres:g} mm" if millimetres else "none"
+        raise InputError(f"{name}: expected EXIF with the focal length in 35 mm film, found {actual}")
     # Of film, whose diagonal angle defines it (Exif 2.32, tag 41989).
     return millimetres / math.hypot(36.0, 24.0)

@@ -34,7 +34,7 @@ _BRACKETS = re.compile(r"[\[\]{}]")
 
 
 def entries(folder: Path) -> list[Path]:
-    """What a folder holds, by name; without hidden files, which systems add to those of people (``._*``). Raises
+    """Entries of a folder by name, without hidden files, which systems add to those of people (``._*``). Raises
     InputError: a folder that cannot be read, which does not count as empty."""
     try:
         return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
@@ -61,9 +61,11 @@ def closed_text(paths: Iterable[Path]) -> str:
 
 
 def reason(error: Exception) -> str:
-    """Why a file cannot be read or written, in words that end "found ..." or "cannot be written (...)"."""
-    known = REASONS.get(error.errno or 0) if isinstance(error, OSError) else None
-    return known or " ".join(str(getattr(error, "strerror", None) or error).split()) or type(error).__name__
+    """Reason for which a file cannot be read or written, in words that end "found ..." or "cannot be written (...)"."""
+    if isinstance(error, OSError) and error.errno in REASONS:
+        return REASONS[error.errno]
+    text = str(getattr(error, "strerror", None) or error)
+    return " ".join(text.split()) or type(error).__name__
 
 
 @contextmanager
@@ -245,7 +247,7 @@ def refuse_full_disk(path: Path, size: int = 0) -> None:
         )
 
 
-def quoted(text: str) -> str:
+def toml_string(text: str) -> str:
     """A TOML string."""
     escaped = "".join(c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in text)
     return f'"{escaped}"'
@@ -259,9 +261,9 @@ def parse_length(text: str, what: str = "length") -> float:
     """A positive length in metres, from a number with its unit; a unit alone means one of it. Messages name ``what`` it
     is. Raises InputError: no unit, an unknown one, or no positive finite number."""
     match = _LENGTH.fullmatch(text.replace("µ", "u"))
-    known = ", ".join(UNITS_M)
+    units = ", ".join(UNITS_M)
     if match is None or match[2].lower() not in UNITS_M:
-        raise InputError(f"{what}: expected a length with its unit ({known}), e.g. 24.23mm, found {text!r}")
+        raise InputError(f"{what}: expected a length with its unit ({units}), e.g. 24.23mm, found {text!r}")
     try:
         value = float(match[1]) if match[1] else 1.0
     except ValueError:

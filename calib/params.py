@@ -71,7 +71,7 @@ class Described(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """What it is, in a sentence without the reason of its default."""
+        """Its meaning in a sentence, without the reason of its default."""
         first = re.split(r"(?<=[.)\]])\s+(?=[A-Z])|;\s|(?<=\]):\s", self.meaning, maxsplit=1)[0]
         return re.sub(r"\s*\(our choice[^()]*\)", "", first).rstrip(".")
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.camera import Camera, LensModel
 from calib.errors import InputError
-from calib.io import parse_toml, quoted, write_whole
+from calib.io import parse_toml, toml_string, write_whole
 from calib.pose import SE3
 from calib.types import F64
 
@@ -112,14 +112,14 @@ class StereoRig:
         elif turn > 45.0:  # they share no view worth matching
             problem = f"cameras that look the same way, found {turn:.0f} degrees between them"
         elif abs(t[2]) > max(abs(t[0]), abs(t[1])):
-            found = f"T = {[round(float(v), 4) for v in t]} m"
-            problem = f"cameras side by side, found {found}: one lies ahead of the other"
+            actual = f"T = {[round(float(v), 4) for v in t]} m"
+            problem = f"cameras side by side, found {actual}: one lies ahead of the other"
         elif abs(t[1]) > abs(t[0]):
-            found = f"the right camera {abs(t[1]):.3f} m {'below' if t[1] < 0 else 'above'} the left one"
-            problem = f"cameras side by side, found {found}: turn the images by 90 degrees and calibrate them so"
+            actual = f"the right camera {abs(t[1]):.3f} m {'below' if t[1] < 0 else 'above'} the left one"
+            problem = f"cameras side by side, found {actual}: turn the images by 90 degrees and calibrate them so"
         elif t[0] > 0:
-            found = f"T = {t[0]:+.4f} m: left and right are swapped, or its sign (in ROS that of P[3]) is wrong"
-            problem = f"the right camera on the right (negative x translation), found {found}"
+            actual = f"T = {t[0]:+.4f} m: left and right are swapped, or its sign (in ROS that of P[3]) is wrong"
+            problem = f"the right camera on the right (negative x translation), found {actual}"
         if problem:
             raise InputError(f"{source}: expected {problem}")
         return self
@@ -132,7 +132,11 @@ def save_rig(rig: StereoRig, path: Path) -> None:
 
 def rig_text(rig: StereoRig) -> str:
     """The content of ``rig.toml``; floats keep all their digits."""
-    lines = ["# planview stereo rig: p_right = rotation @ p_left + translation_m", f"source = {quoted(rig.source)}", ""]
+    lines = [
+        "# planview stereo rig: p_right = rotation @ p_left + translation_m",
+        f"source = {toml_string(rig.source)}",
+        "",
+    ]
     for name, camera in (("left", rig.left), ("right", rig.right)):
         lines += [f"[{name}]", f"width = {camera.width}", f"height = {camera.height}"]
         lines += [f"{key} = {float(getattr(camera, key))!r}" for key in ("fx", "fy", "cx", "cy")]
@@ -164,7 +168,7 @@ def _camera(table: dict[str, Any]) -> Camera:
 
 @dataclass(frozen=True)
 class Floor:
-    """Where the left rectified camera is above the floor.
+    """Pose of the left rectified camera above the floor.
 
     Attributes:
         height_m: height of the left camera's centre above the floor.

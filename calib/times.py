@@ -109,14 +109,14 @@ def seconds_of(source: Path | str, values: np.ndarray) -> F64:
         numbers = np.asarray(values, dtype=np.float64)
         return numbers * (NS[unit_of(numbers, "s")] / NS["s"])
     texts = [str(value).strip() for value in values]
-    known = [i for i, text in enumerate(texts) if text.lower() not in ("", "nan", "nat", "none")]
+    rows = [row for row, text in enumerate(texts) if text.lower() not in ("", "nan", "nat", "none")]
     seconds = np.full(len(texts), np.nan)
-    seconds[known] = read_stamps(source, [texts[i] for i in known], "s").ns / NS["s"]
+    seconds[rows] = read_stamps(source, [texts[row] for row in rows], "s").ns / NS["s"]
     return seconds
 
 
 def is_time(text: str) -> bool:
-    """Whether a text is a number, a date or a time of day."""
+    """True for a number, a date or a time of day."""
     text = text.strip()
     return bool(_NUMBER.fullmatch(text) or _DATE.fullmatch(text))
 
@@ -173,7 +173,7 @@ def within_seconds(seconds: Sequence[int], parts: Sequence[str], *, may_count: b
 
 
 def _count_frames(runs: Sequence[Sequence[int]]) -> bool:
-    """Whether the numbers of each second count its frames, from 0 or 1 and nearly without a gap."""
+    """True if the numbers of each second count its frames, from 0 or 1 and nearly without a gap."""
     first = min(map(min, runs))
     largest = max(map(max, runs))
     most = max(map(len, runs))
@@ -199,7 +199,7 @@ def _decimals_of_counts(runs: Sequence[Sequence[int]]) -> list[str] | None:
 
 @dataclass(frozen=True)
 class Rate:
-    """How evenly frames come.
+    """Rate and evenness of frames.
 
     Attributes:
         fps: frames per second, of the mean of the steps that are no gaps; of bursts, of all.
@@ -221,7 +221,7 @@ class Rate:
 
     @property
     def note(self) -> str:
-        """That the frames come unevenly, or one in a time; empty where they do not."""
+        """Warning about uneven or rare frames, else empty."""
         if self.fps < 1.0 / SLOW_S:
             return f"a frame every {1.0 / self.fps:.3g} s, at which nobody can be followed"
         if self.burst == 1 and self.jitter_ms * self.fps > 1e3 * UNEVEN:
@@ -258,23 +258,23 @@ def rate_of_times(times_s: F64) -> Rate | None:
 def spread_bursts(times_s: F64, rate: Rate) -> tuple[F64, tuple[str, ...]]:
     """(n,) times [s] of frames that came in bursts, spread evenly from each burst to the next, as they are where each
     frame came by itself; and a note on times that are not even."""
-    known = np.flatnonzero(np.isfinite(times_s))
     if rate.burst == 1:
         return times_s, (rate.note,) if rate.note else ()
-    begins = known[np.diff(times_s[known], prepend=-math.inf) > 1.0 / rate.fps]
-    last = times_s[begins[-1]] + (known[-1] - begins[-1]) / rate.fps
-    spread = np.interp(known, np.append(begins, known[-1] + 1), np.append(times_s[begins], last + 1.0 / rate.fps))
-    found = np.full(len(times_s), np.nan)
-    found[known] = spread
-    note = (
-        f"frames come in bursts of about {rate.burst}: their times of arrival are spread to {rate.fps:.4g} per second"
-    )
-    return found, (note,)
+    timed = np.flatnonzero(np.isfinite(times_s))
+    begins = timed[np.diff(times_s[timed], prepend=-math.inf) > 1.0 / rate.fps]
+    last = times_s[begins[-1]] + (timed[-1] - begins[-1]) / rate.fps
+    # From each burst to the next, and from the last one at the usual rate.
+    anchors = np.append(begins, timed[-1] + 1)
+    anchors_s = np.append(times_s[begins], last + 1.0 / rate.fps)
+    even_s = np.full(len(times_s), np.nan)
+    even_s[timed] = np.interp(timed, anchors, anchors_s)
+    note = f"frames come in bursts of about {rate.burst}"
+    return even_s, (f"{note}: their times of arrival are spread to {rate.fps:.4g} per second",)
 
 
 def clock_is_set(steps_s: F64, period_s: F64 | float) -> Bool:
-    """(n,) which steps from frame to frame [s] are a clock that was set, or segments that were joined: hours ahead, or
-    back by more than frames come out of order."""
+    """(n,) mask of the steps from frame to frame [s] that are a clock that was set, or segments that were joined: hours
+    ahead, or back by more than frames come out of order."""
     far = np.maximum(JUMP_S, 100.0 * np.asarray(period_s))
     back = -10.0 * np.maximum(period_s, 0.1)
     return np.asarray((steps_s > far) | (steps_s < back), dtype=np.bool_)
@@ -295,7 +295,8 @@ class RunningClock:
         now_s = own_s + self._offset_s
         before_s = self._last_s
         usual_s = self._period_s * (index - self._index)
-        if math.isfinite(now_s) and math.isfinite(before_s) and clock_is_set(np.array([now_s - before_s]), usual_s)[0]:
+        is_timed = math.isfinite(now_s) and math.isfinite(before_s)
+        if is_timed and clock_is_set(np.array([now_s - before_s]), usual_s)[0]:
             self._offset_s += before_s + usual_s - now_s
             now_s = before_s + usual_s
         why = unusable_time(now_s, before_s)
@@ -306,10 +307,12 @@ class RunningClock:
 
 
 def unusable_time(now_s: float, before_s: float) -> str:
-    """Why a frame cannot have the time ``now_s`` after one at ``before_s`` [s]; empty where it can."""
+    """Reason for which a frame cannot have the time ``now_s`` after one at ``before_s`` [s]; empty where it can."""
     if not math.isfinite(now_s):
         return f"its time is {now_s}"
-    return "" if now_s > before_s else f"its time, {now_s:.9g} s, is not after {before_s:.9g} s of the frame before"
+    if now_s <= before_s:
+        return f"its time, {now_s:.9g} s, is not after {before_s:.9g} s of the frame before"
+    return ""
 
 
 def run_on(times_s: F64, frames: I64 | None = None) -> tuple[F64, tuple[str, ...]]:
@@ -327,11 +330,12 @@ def run_on(times_s: F64, frames: I64 | None = None) -> tuple[F64, tuple[str, ...
         back &= clock_is_set(steps, period)
     if not back.any():
         return times_s, ()
-    found = times_s[0] + np.concatenate([[0.0], np.cumsum(np.where(back, period * apart, steps))])
-    where = [
-        f"times begin again at frame {int(numbers[k + 1])}: they run on at the usual rate" for k in np.flatnonzero(back)
-    ]
-    return found, tuple(where[:3])
+    forward = np.where(back, period * apart, steps)
+    continued_s = times_s[0] + np.concatenate([[0.0], np.cumsum(forward)])
+    notes = []
+    for frame in numbers[1:][back].tolist():
+        notes.append(f"times begin again at frame {frame}: they run on at the usual rate")
+    return continued_s, tuple(notes[:3])
 
 
 def period_of(frames: I64, times_s: F64, fallback_s: float) -> float:
@@ -344,7 +348,7 @@ def period_of(frames: I64, times_s: F64, fallback_s: float) -> float:
 
 
 def doubts(frames: I64, times_s: F64) -> Sequence[str]:
-    """What is odd about the times [s] of (n,) ascending frames, a sentence each: jumps, another unit, bursts."""
+    """Sentences about odd times [s] of (n,) ascending frames: jumps, another unit, bursts."""
     steps = np.diff(times_s)
     apart = np.diff(frames)
     if not len(steps):
@@ -363,7 +367,8 @@ def doubts(frames: I64, times_s: F64) -> Sequence[str]:
 
 def jump_note(before_frame: int, frame: int, step_s: float) -> str:
     """A jump of the clock in words."""
-    days = step_s / 86400.0
-    hours = step_s / 3600.0
-    size = f"{days:.1f} days" if days >= 2 else f"{hours:.1f} hours" if hours >= 2 else f"{step_s / 60:.0f} minutes"
+    size = f"{step_s / 60:.0f} minutes"
+    for unit, unit_s in (("hours", 3600.0), ("days", 86400.0)):
+        if step_s >= 2 * unit_s:
+            size = f"{step_s / unit_s:.1f} {unit}"
     return f"the clock jumps by {size} from frame {before_frame} to {frame}: durations and rates include the jump"

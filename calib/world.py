@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from calib.errors import InputError
-from calib.io import expecting_table, load_toml, quoted, write_whole
+from calib.io import expecting_table, load_toml, toml_string, write_whole
 from calib.pose import SE3
 from calib.rig import Floor
 
@@ -96,7 +96,7 @@ def save_rigs(entries: Sequence[RigEntry], path: Path, comment: str = "") -> Non
         *(f"# {line}" for line in comment.splitlines()),
     ]
     for entry in entries:
-        lines += ["", "[[sensor]]", f"folder = {quoted(entry.folder)}", f"start_s = {entry.start_s!r}"]
+        lines += ["", "[[sensor]]", f"folder = {toml_string(entry.folder)}", f"start_s = {entry.start_s!r}"]
         lines += ["[sensor.world_SE3_left]", *entry.world_SE3_left.toml()]
     write_whole(path, "\n".join(lines) + "\n")
 

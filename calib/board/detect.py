@@ -45,8 +45,8 @@ class Board:
 
     def __post_init__(self) -> None:
         if min(self.cols, self.rows) < MIN_CORNERS or max(self.cols, self.rows) > MAX_CORNERS:
-            found = f"{self.cols}x{self.rows}"
-            raise ValueError(f"expected {MIN_CORNERS} to {MAX_CORNERS} inner corners a side, found {found}")
+            actual = f"{self.cols}x{self.rows}"
+            raise ValueError(f"expected {MIN_CORNERS} to {MAX_CORNERS} inner corners a side, found {actual}")
         if not MIN_SQUARE_M <= self.square_m <= MAX_SQUARE_M:
             raise ValueError(f"expected squares of {MIN_SQUARE_M} to {MAX_SQUARE_M} m, found {self.square_m:g} m")
         if self.dictionary and not 0 < self.marker_m < self.square_m:

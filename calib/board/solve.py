@@ -173,11 +173,11 @@ def solve_board(
         source: for messages and the rig.
     """
     if len(views) < MIN_PAIRS:
-        found = f"{len(views)} of {len(views) + len(rejected)}"
+        actual = f"{len(views)} of {len(views) + len(rejected)}"
         if rejected:
-            found += f", e.g. {rejected[0].name}: {rejected[0].why}"
+            actual += f", e.g. {rejected[0].name}: {rejected[0].why}"
         expected = f"at least {MIN_PAIRS} pairs that show a {board.name} in both images"
-        raise InputError(f"{source}: expected {expected}, found {found}")
+        raise InputError(f"{source}: expected {expected}, found {actual}")
     _refuse_alike(views, 0.02 * size[0], source)
     lenses = LENSES
     if model is not None:
@@ -202,8 +202,8 @@ def solve_board(
     _refuse_uncertain(fit.rig, std, source)
     rig = replace(fit.rig, source=source)
     if not MIN_BASELINE_M <= rig.baseline_m <= MAX_BASELINE_M:
-        found = f"{rig.baseline_m:g} m: is the size of a square right?"
-        raise InputError(f"{source}: expected a baseline of {MIN_BASELINE_M}-{MAX_BASELINE_M:g} m, found {found}")
+        actual = f"{rig.baseline_m:g} m: is the size of a square right?"
+        raise InputError(f"{source}: expected a baseline of {MIN_BASELINE_M}-{MAX_BASELINE_M:g} m, found {actual}")
     rig = rig.check(source)
     return BoardCalibration(rig, board, tuple(good), replace(fit, rig=rig), std, tuple(out), tried)
 
@@ -216,8 +216,8 @@ def _refuse_alike(views: Sequence[BoardView], limit: float, source: str) -> None
             distinct.append(view)
     if len(distinct) < 3:
         poses = f"{len(distinct)} different pose{'s' if len(distinct) > 1 else ''}"
-        found = f"{poses} in {len(views)} views (corners within {limit:.0f} px)"
-        raise InputError(f"{source}: expected the board in different places and tilts, found {found}")
+        actual = f"{poses} in {len(views)} views (corners within {limit:.0f} px)"
+        raise InputError(f"{source}: expected the board in different places and tilts, found {actual}")
 
 
 def _distance(one: BoardView, other: BoardView) -> float:
@@ -253,8 +253,8 @@ def _leave_out_outliers(
         views = views[:worst] + views[worst + 1 :]
         # When more views than this disagree, nothing shows which half is right.
         if len(views) < max(MIN_PAIRS, 0.5 * total):
-            found = f"{total - len(views)} of {total} that do not, the last {out[-1].name} with a {why}"
-            raise InputError(f"{source}: expected views that agree on one rig, found {found}")
+            actual = f"{total - len(views)} of {total} that do not, the last {out[-1].name} with a {why}"
+            raise InputError(f"{source}: expected views that agree on one rig, found {actual}")
         # From the start: what the bad view did to the cameras must not linger.
         fit = fit_lens(views, points, fit.rig.left.size, lens)
 
@@ -262,8 +262,8 @@ def _leave_out_outliers(
 def _refuse_unfit(fit: RigFit, size: tuple[int, int], source: str, slack: float = 1.0) -> None:
     """Refuse views that no fixed pair of cameras explains; the limit is a share of the image's width."""
     if not fit.rms_px <= slack * 0.003 * size[0]:
-        found = f"a reprojection error of {fit.rms_px:.2f} px"
-        raise InputError(f"{source}: expected pairs taken at the same moment by two fixed cameras, found {found}")
+        actual = f"a reprojection error of {fit.rms_px:.2f} px"
+        raise InputError(f"{source}: expected pairs taken at the same moment by two fixed cameras, found {actual}")
 
 
 def _refuse_uncertain(rig: StereoRig, std: Mapping[str, float], source: str) -> None:
@@ -272,5 +272,5 @@ def _refuse_uncertain(rig: StereoRig, std: Mapping[str, float], source: str) -> 
         std_px = std[f"{side} fx"]
         # Relative standard deviation above which the views do not determine it (depth errs as much).
         if std_px > 0.02 * camera.fx:
-            found = f"{camera.fx:.0f} +- {std_px:.0f} px: tilt the board more, towards all sides"
-            raise InputError(f"{source}: expected views that determine the {side} focal length, found {found}")
+            actual = f"{camera.fx:.0f} +- {std_px:.0f} px: tilt the board more, towards all sides"
+            raise InputError(f"{source}: expected views that determine the {side} focal length, found {actual}")

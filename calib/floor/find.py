@@ -289,8 +289,8 @@ def floor_from_people(people: PeopleSeen, start: Floor, name: str = "tracks") ->
     places = (start.world_SE3_left @ points)[:, :2]
     width_m = 2 * math.sqrt(np.linalg.eigvalsh(np.cov(places.T))[0])
     if width_m < 0.3:
-        found = f"them within {width_m:.2f} m of one line: tilt or roll cannot be determined"
-        raise WorkError(f"{name}: expected people all over the floor, found {found}")
+        actual = f"them within {width_m:.2f} m of one line: tilt or roll cannot be determined"
+        raise WorkError(f"{name}: expected people all over the floor, found {actual}")
     from scipy.optimize import least_squares  # half a second, and only people need it
 
     ids, numbers = np.unique(people.track_id, return_inverse=True)

@@ -48,7 +48,7 @@ CELLS_ACROSS = 64
 
 
 class FloorParams(Params):
-    """What counts as a floor."""
+    """Limits of what counts as a floor."""
 
     min_height_m: float = Field(default=0.8, gt=0, le=100)
     """Lowest camera: below it people are taller than the view."""
@@ -319,7 +319,7 @@ class Moved:
         return cls(np.concatenate([np.empty((0, 3)), *patches]), middles, axes, counts / max(counts.sum(), 1))
 
     def objection(self, plane: Plane, params: FloorParams) -> str:
-        """Why what moves speaks against a plane as the floor; empty where it does not."""
+        """Objection to a plane as the floor from what moves; empty without one."""
         if len(self.points) >= MIN_MOVED:
             heights_m = self.points @ plane.normal + plane.distance_m
             high = float(np.mean(heights_m > PEOPLE_M))
@@ -424,7 +424,7 @@ def in_place(q: F64, params: FloorParams) -> Bool:
 
 
 def out_of_place(plane: Plane, params: FloorParams) -> str:
-    """Why a camera cannot be above a plane; empty where it can."""
+    """Reason for which a camera cannot be above a plane; empty where it can."""
     height = plane.distance_m
     tilt = math.degrees(plane.tilt_rad)
     roll = math.degrees(plane.roll_rad)
@@ -464,8 +464,8 @@ def choose_floor(candidates: Sequence[Candidate], params: FloorParams) -> Candid
 
 
 def doubt(chosen: Candidate, candidates: Sequence[Candidate], moved: Moved, params: FloorParams) -> str:
-    """Why a plane seen straight on may be a wall in front of a level camera, and the floor of a level camera a wall
-    next to an overhead one; empty where that is settled.
+    """Doubt whether a plane seen straight on is a wall in front of a level camera, or the floor of a level camera a
+    wall next to an overhead one; empty where that is settled.
 
     From straight above and straight ahead alone both readings are alike; what moves in front of the plane decides.
     """
@@ -514,7 +514,7 @@ def _has_ceiling(plane: Plane, candidates: Sequence[Candidate]) -> bool:
 
 
 def refusal(candidates: Sequence[Candidate], n_frames: int) -> str:
-    """Why none of the planes is the floor: the plane most like one, what spoke against it, and how to accept it."""
+    """Refusal of all planes as the floor: the plane most like one, what spoke against it, and how to accept it."""
     if not candidates:
         least = f"{0.5 * MIN_INLIER_FRACTION:.1%} of the valid depth"
         return f"no floor found in {n_frames} frames: no plane holds even {least}"

@@ -54,11 +54,8 @@ def find_rig(path: Path) -> RigFiles:
 
 def _recognise(source: Source) -> tuple[Format, str] | None:
     """The format that a text has, by most keys of those that it may have, and the part of a rig that it holds."""
-    matches = []
-    for form in FORMATS:
-        part = form.part(source)
-        if part:
-            matches.append((form, part))
+    parts = [(form, form.part(source)) for form in FORMATS]
+    matches = [(form, part) for form, part in parts if part]
     return max(matches, key=lambda match: match[0].missing(source)[0], default=None)
 
 
@@ -241,9 +238,8 @@ def _form_to_write(path: Path, key: str | None) -> Format:
         if form.key == key or (key is None and suffix and form.suffix == suffix):
             return form
     keys = ", ".join(form.key for form in WRITTEN)
-    if key is not None:
-        raise InputError(f"{path}: expected a format of {keys}, found {key!r}")
-    raise InputError(f"{path}: expected the name of a format ({keys}), because none has the suffix of {path.name!r}")
+    actual = repr(key) if key else f"none with the suffix of {path.name!r}"
+    raise InputError(f"{path}: expected a format of {keys}, found {actual}")
 
 
 def refuse_strange_camera(camera: Camera, side: str) -> None:
@@ -251,14 +247,14 @@ def refuse_strange_camera(camera: Camera, side: str) -> None:
     size = size_text(camera.size)
     # Beyond these multiples of the image width a focal length is in other units (fisheye of 200 deg: 0.2).
     if not 0.1 <= camera.fx / camera.width <= 30.0 or not 0.5 <= camera.fx / camera.fy <= 2.0:
-        found = f"fx={camera.fx:g} fy={camera.fy:g}"
-        raise ValueError(f"expected a {side} focal length in pixels of {size}, found {found}")
+        actual = f"fx={camera.fx:g} fy={camera.fy:g}"
+        raise ValueError(f"expected a {side} focal length in pixels of {size}, found {actual}")
     off_x = abs(camera.cx / camera.width - 0.5) - 0.5
     off_y = abs(camera.cy / camera.height - 0.5) - 0.5
     # Share of the image by which a principal point may lie outside of it; crops rarely go further.
     if max(off_x, off_y) > 0.25:
-        found = f"({camera.cx:.1f}, {camera.cy:.1f})"
-        raise ValueError(f"expected a {side} principal point inside the image of {size}, found {found}")
+        actual = f"({camera.cx:.1f}, {camera.cy:.1f})"
+        raise ValueError(f"expected a {side} principal point inside the image of {size}, found {actual}")
     across = np.linspace(0.25, 0.75, 5) * camera.width
     down = np.linspace(0.25, 0.75, 5) * camera.height
     u, v = (grid.ravel() for grid in np.meshgrid(across, down))

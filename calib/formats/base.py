@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -20,7 +20,6 @@ from calib.rig import StereoRig, parse_rig, rig_text
 from calib.types import F64
 
 Size = tuple[int, int]
-T = TypeVar("T")
 
 
 class Source(NamedTuple):
@@ -31,7 +30,7 @@ class Source(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """What the caller supplies and a file may lack: arguments of ``calib.formats.load_rig``."""
+    """Values that the caller supplies and a file may lack: arguments of ``calib.formats.load_rig``."""
 
     size: Size | None = None
     cameras: tuple[str, str] | None = None
@@ -70,7 +69,7 @@ def lines_with(**patterns: str) -> Keys:
 
 
 class Format(NamedTuple):
-    """How one tool writes a rig.
+    """The format in which one tool writes a rig.
 
     Attributes:
         key, name: short, and as messages show it.
@@ -95,9 +94,9 @@ class Format(NamedTuple):
         nearest: tuple[int, list[str]] = (-1, [])
         for keys in self.sets:
             lacking = lacking_keys(keys, source.text)
-            held = len(keys) - len(lacking)
-            if (held, -len(lacking)) > (nearest[0], -len(nearest[1])):
-                nearest = (held, lacking)
+            count = len(keys) - len(lacking)
+            if (count, -len(lacking)) > (nearest[0], -len(nearest[1])):
+                nearest = (count, lacking)
         return nearest
 
 
@@ -193,7 +192,7 @@ def size_of(value: Any, name: str) -> Size:
     return whole(width, name), whole(height, name)
 
 
-def lens_of(values: Mapping[str, Any], models: Mapping[str, T], name: str) -> T:
+def lens_of(values: Mapping[str, Any], models: Mapping[str, LensModel], name: str) -> LensModel:
     """Value of ``models`` for the distortion_model of a camera, or ValueError."""
     lens = str(entry(values, "distortion_model"))
     if lens not in models:
@@ -286,7 +285,7 @@ def join_cameras(left: tuple[Camera, SE3], right: tuple[Camera, SE3], source: st
     return StereoRig(left_camera, right_camera, right_SE3_common @ left_SE3_common.inverse(), source)
 
 
-def projected(size: Size, value: Any, name: str, unit_m: float) -> tuple[Camera, SE3]:
+def camera_from_projection(size: Size, value: Any, name: str, unit_m: float) -> tuple[Camera, SE3]:
     """The camera of a (3, 4) projection P = K [I | t] of rectified images, and its pose."""
     p = numbers(value, name, 12).reshape(3, 4)
     shift = np.asarray(np.linalg.solve(p[:, :3], p[:, 3]) * unit_m, dtype=np.float64)

@@ -17,7 +17,7 @@ import numpy as np
 from calib.camera import Camera, LensModel
 from calib.formats import base
 from calib.formats.base import Choice, Format, Size, Source
-from calib.io import UNITS_M, size_text
+from calib.io import UNITS_M, parse_size, size_text
 from calib.pose import SE3
 from calib.rig import StereoRig
 
@@ -89,11 +89,7 @@ def _depthai_camera(values: Mapping[str, Any], socket: int) -> Camera:
 
 def _pose_between(cameras: Mapping[int, Mapping[str, Any]], left: int, right: int, unit_m: float) -> SE3:
     """Compose the links from left to right; each is a dst_SE3_src that may be walked both ways."""
-    links = []
-    for socket in sorted(cameras):
-        link = _link(socket, cameras[socket], unit_m)
-        if link is not None:
-            links.append(link)
+    links = [link for socket in sorted(cameras) if (link := _link(socket, cameras[socket], unit_m))]
     socket_SE3_left = {left: SE3.identity()}
     for src, dst, dst_SE3_src in links * len(links):
         if src in socket_SE3_left and dst not in socket_SE3_left:
@@ -120,9 +116,12 @@ _BOARD = base.lines_with(cameraData=r'\A\s*\{[\s\S]*"cameraData"')
 DEPTHAI = Format("depthai", "DepthAI EEPROM JSON", (_BOARD,), base.whole_with(_BOARD), _depthai_read)
 
 
-RESOLUTIONS: dict[str, Size] = {
-    "4K": (3840, 2160), "QHDPLUS": (3200, 1800), "2K": (2208, 1242), "FHD": (1920, 1080), "FHD1200": (1920, 1200),
-    "HD": (1280, 720), "HD1200": (1280, 1200), "SVGA": (960, 600), "VGA": (672, 376),
+RESOLUTIONS = {
+    name: parse_size(text)
+    for name, text in {
+        "4K": "3840x2160", "QHDPLUS": "3200x1800", "2K": "2208x1242", "FHD": "1920x1080", "FHD1200": "1920x1200",
+        "HD": "1280x720", "HD1200": "1280x1200", "SVGA": "960x600", "VGA": "672x376",
+    }.items()
 }  # fmt: skip
 """Image size of one camera by the name of the section [px] (Stereolabs' video modes)."""
 
@@ -200,30 +199,29 @@ _SECTIONS = base.lines_with(
 ZED = Format("zed", "ZED factory conf", (_SECTIONS,), base.whole_with(_SECTIONS), _zed_read)
 
 
-def _kitti_drive(left: str, right: str) -> base.Keys:
-    """Keys of a drive's calib_cam_to_cam.txt."""
-    names = (f"K_{left}", f"T_{left}", f"K_{right}", f"T_{right}")
-    return base.lines_with(**{name: rf"^{name}:" for name in names})
+def _values_by_key(text: str, separator: str) -> dict[str, str]:
+    """Text after the separator in each line, without brackets, by the text before."""
+    values = {}
+    for line in text.splitlines():
+        key, mark, value = line.partition(separator)
+        if mark:
+            values[key.strip()] = value.strip(" []")
+    return values
 
 
-def _kitti_sequence(left: str, right: str) -> base.Keys:
-    """Keys of an odometry sequence's calib.txt: lines of twelve numbers."""
-    row = r":([ \t]+[-+.\deE]+){12}\s*$"
-    return base.lines_with(**{name: rf"^{name}{row}" for name in (f"P{left}", f"P{right}")})
+def _kitti_keys(line: str, *names: str) -> base.Keys:
+    """Keys that begin lines of this pattern."""
+    return base.lines_with(**{name: f"^{name}{line}" for name in names})
 
 
-_COLOUR_PAIR = ("02", "03")
-_GREY_PAIR = ("00", "01")
-_SEQUENCES = (_kitti_sequence("2", "3"), _kitti_sequence("0", "1"))
+_ROW = r":([ \t]+[-+.\deE]+){12}\s*$"
+_SEQUENCES = (_kitti_keys(_ROW, "P2", "P3"), _kitti_keys(_ROW, "P0", "P1"))
+_DRIVES = (_kitti_keys(":", "K_02", "T_02", "K_03", "T_03"), _kitti_keys(":", "K_00", "T_00", "K_01", "T_01"))
 
 
 def _kitti_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     source = sources[0]
-    data = {}
-    for line in source.text.splitlines():
-        key, colon, values = line.partition(":")
-        if colon:
-            data[key] = values
+    data = _values_by_key(source.text, ":")
     is_drive = any(key.startswith("K_") for key in data)
     if base.whole_with(*_SEQUENCES)(source) and not is_drive:
         return _sequence_rig(source, data, choice)
@@ -239,7 +237,7 @@ def _kitti_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
 
 def _kitti_pair(data: Mapping[str, str]) -> tuple[str, str]:
     """Names of the colour cameras, else of the grey ones."""
-    for left, right in (_COLOUR_PAIR, _GREY_PAIR):
+    for left, right in (("02", "03"), ("00", "01")):
         if f"K_{left}" in data and f"K_{right}" in data:
             return left, right
     raise ValueError("expected cameras 02 and 03, or 00 and 01, found neither")
@@ -251,7 +249,7 @@ def _size_at(data: Mapping[str, str], key: str) -> Size:
 
 def _rectified_camera(data: Mapping[str, str], name: str, choice: Choice) -> tuple[Camera, SE3]:
     key = f"P_rect_{name}"
-    return base.projected(_size_at(data, f"S_rect_{name}"), base.entry(data, key), key, choice.unit())
+    return base.camera_from_projection(_size_at(data, f"S_rect_{name}"), base.entry(data, key), key, choice.unit())
 
 
 def _raw_camera(data: Mapping[str, str], name: str, choice: Choice) -> tuple[Camera, SE3]:
@@ -268,21 +266,17 @@ def _sequence_rig(source: Source, data: Mapping[str, str], choice: Choice) -> St
     if choice.size is None:
         raise ValueError("expected the size of the images, which the calib.txt of a KITTI sequence does not hold")
     left, right = choice.cameras or (("2", "3") if "P3" in data else ("0", "1"))
-    one = base.projected(choice.size, base.entry(data, f"P{left}"), f"P{left}", choice.unit())
-    other = base.projected(choice.size, base.entry(data, f"P{right}"), f"P{right}", choice.unit())
+    one = base.camera_from_projection(choice.size, base.entry(data, f"P{left}"), f"P{left}", choice.unit())
+    other = base.camera_from_projection(choice.size, base.entry(data, f"P{right}"), f"P{right}", choice.unit())
     return base.join_cameras(one, other, f"{source.path.name} [cameras {left} {right}, rectified images]")
 
 
-_KITTI_SETS = (_kitti_drive(*_COLOUR_PAIR), _kitti_drive(*_GREY_PAIR), *_SEQUENCES)
+_KITTI_SETS = (*_DRIVES, *_SEQUENCES)
 KITTI = Format("kitti", "KITTI calib_cam_to_cam", _KITTI_SETS, base.whole_with(*_KITTI_SETS), _kitti_read)
 
 
 def _middlebury_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
-    data = {}
-    for line in sources[0].text.splitlines():
-        key, equals, value = line.partition("=")
-        if equals:
-            data[key.strip()] = value.strip(" []")
+    data = _values_by_key(sources[0].text, "=")
     size = base.whole_at(data, "width"), base.whole_at(data, "height")
     left = base.camera(size, base.numbers_at(data, 9, "cam0"), np.empty(0), "brown", "cam0")
     right = base.camera(size, base.numbers_at(data, 9, "cam1"), np.empty(0), "brown", "cam1")

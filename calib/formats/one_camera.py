@@ -31,8 +31,8 @@ class LensOnlyError(InputError):
     """The calibration of a lens, which does not say where the camera is."""
 
     def __init__(self, path: Path, name: str, focal_px: float) -> None:
-        found = f"found only a lens ({name}, focal length {focal_px:.0f} px)"
-        super().__init__(f"{path}: expected a camera.toml, which also says where the camera is, {found}")
+        actual = f"found only a lens ({name}, focal length {focal_px:.0f} px)"
+        super().__init__(f"{path}: expected a camera.toml, which also says where the camera is, {actual}")
         self.focal_px = focal_px
 
 
@@ -87,8 +87,8 @@ def _fit_size(camera: GroundCamera, path: Path, size: Size | None) -> GroundCame
         return camera
     if path.suffix.lower() != ".toml" and size[0] * camera.height == size[1] * camera.width:
         return camera.scaled(*size)
-    found = f"found one for {size_text(camera.size)} px"
-    raise InputError(f"{path}: expected a camera for images of {size_text(size)} px, {found}")
+    actual = f"found one for {size_text(camera.size)} px"
+    raise InputError(f"{path}: expected a camera for images of {size_text(size)} px, {actual}")
 
 
 @dataclass(frozen=True)

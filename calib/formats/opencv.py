@@ -12,7 +12,7 @@ import numpy as np
 from calib.camera import LensModel
 from calib.formats import base
 from calib.formats.base import Choice, Format, Size, Source
-from calib.io import size_text
+from calib.io import parse_size, size_text
 from calib.rig import StereoRig
 from calib.types import F64
 
@@ -23,8 +23,6 @@ _D2 = ("D2", "distCoeffs2", "distR", "D_right")
 _R = ("R", "rot")
 _T = ("T", "T_m", "trans")
 """Names that OpenCV's samples and the usual calibrators and tutorials write."""
-_P1 = ("P1",)
-_P2 = ("P2",)
 _LENS_COUNTS = (0, 4, 5, 8, 12, 14)
 """Numbers of coefficients that OpenCV's lens models have."""
 
@@ -40,13 +38,16 @@ def _keys(*each: tuple[str, ...]) -> base.Keys:
 
 
 _CAMERAS = _keys(_K1, _D1, _K2, _D2, _R, _T)
-_RECTIFIED = _keys(_P1, _P2)
+_RECTIFIED = _keys(("P1",), ("P2",))
 
-COMMON_SIZES: tuple[Size, ...] = (
-    (320, 240), (376, 240), (640, 360), (640, 400), (640, 480), (672, 376), (752, 480), (800, 600), (848, 480),
-    (1024, 768), (1280, 720), (1280, 800), (1280, 960), (1280, 1024), (1600, 1200), (1920, 1080), (1920, 1200),
-    (2048, 1536), (2208, 1242), (2592, 1944), (3840, 2160),
-)  # fmt: skip
+COMMON_SIZES = [
+    parse_size(text)
+    for text in [
+        "320x240", "376x240", "640x360", "640x400", "640x480", "672x376", "752x480", "800x600", "848x480", "1024x768",
+        "1280x720", "1280x800", "1280x960", "1280x1024", "1600x1200", "1920x1080", "1920x1200", "2048x1536",
+        "2208x1242", "2592x1944", "3840x2160",
+    ]
+]  # fmt: skip
 """Sizes of usual sensors [px], for files that hold none."""
 
 
@@ -71,9 +72,9 @@ def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
 
 def _rectified_rig(data: Mapping[str, Any], choice: Choice, name: str) -> StereoRig:
     """The cameras of images that P1 and P2 rectified: P = K [I | t]."""
-    size, remark = _size(data, choice, base.numbers_at(data, 12, *_P1), base.numbers_at(data, 12, *_P2))
-    left = base.projected(size, data["P1"], "P1", choice.unit())
-    right = base.projected(size, data["P2"], "P2", choice.unit())
+    size, remark = _size(data, choice, base.numbers_at(data, 12, "P1"), base.numbers_at(data, 12, "P2"))
+    left = base.camera_from_projection(size, data["P1"], "P1", choice.unit())
+    right = base.camera_from_projection(size, data["P2"], "P2", choice.unit())
     return base.join_cameras(left, right, f"{name}{remark} [rectified images]")
 
 

@@ -203,7 +203,7 @@ def _units_per_m(data: Mapping[str, Any], depth: Mapping[str, Any]) -> float | N
 
 
 def _technology(data: Mapping[str, Any]) -> DepthTechnology | None:
-    """How the device that a text of the file names measures depth; None without one."""
+    """Technology of the depth sensor that a text of the file names; None without one."""
     names = ("sensor", "device", "camera_model", "model", "name", "depth_mode", "device_name")
     values = [data.get(name) for name in names]
     text = " ".join(value for value in values if isinstance(value, str)).lower()

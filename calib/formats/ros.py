@@ -58,7 +58,7 @@ def camera_from(data: Mapping[str, Any], name: str, unit_m: float = 1.0) -> tupl
 
     P = K [I | t] sees the rectified left frame shifted by t; R turns the camera into it.
     """
-    size, k, projection = windowed(data)
+    size, k, projection = sent_image(data)
     model = base.lens_of(data, _ROS_MODELS, name)
     coefficients = base.numbers_at(data, _ROS_COUNTS[model], "distortion_coefficients", "D", "d")
     if model == "brown" and len(coefficients) > 5:
@@ -72,7 +72,7 @@ def camera_from(data: Mapping[str, Any], name: str, unit_m: float = 1.0) -> tupl
     return camera, base.transform(rotation, -shift, f"rectification_matrix of {name}")
 
 
-def windowed(data: Mapping[str, Any]) -> tuple[Size, F64, F64]:
+def sent_image(data: Mapping[str, Any]) -> tuple[Size, F64, F64]:
     """Size [px], K (3, 3) and P (3, 4) of the image that was sent: region of interest first, then binning.
 
     K and P are of the sensor (sensor_msgs/CameraInfo); width and height may be the sensor's or the region's.

@@ -31,6 +31,7 @@ from calib.people.model import (
     N_SHARED,
     PERSON_STD,
     ROLL,
+    STATURE,
     TILT,
     CameraPrior,
     HumanModel,
@@ -58,14 +59,14 @@ ODD_FROM = 3.0
 
 
 class NextSample(NamedTuple):
-    """Where one more person would help most: its foot (u, v) [px], and the floor error expected with it [m]."""
+    """Place where one more person would help most: its foot (u, v) [px], and the floor error expected with it [m]."""
 
     foot_px: tuple[float, float]
     floor_error_m: float
 
 
 class Assessment(NamedTuple):
-    """How far a camera from people can be trusted.
+    """Verdict on a camera from people.
 
     Attributes:
         enough: whether floor error, height and tilt are within their limits.
@@ -100,7 +101,6 @@ class HumanCalibration:
         error, sample_errors: weighted error E = whf Ehf + wbb Ebb (Zhang 2008), mean and (n,) per sample.
         std, assessment: deviations, whether they are enough, and where to add the next sample.
         odd: numbers of the samples that fit badly and were weighted down.
-        stature: mean height of the sampled people against the model's [1], as far as a known camera height fixes it.
         boxes_only: whether heads and feet were read as but the middles of the boxes' edges.
     """
 
@@ -111,7 +111,6 @@ class HumanCalibration:
     std: CameraDeviations
     assessment: Assessment
     odd: tuple[int, ...]
-    stature: float
     boxes_only: bool
 
 
@@ -162,7 +161,6 @@ def calibrate_from_people(
         std=CameraDeviations(height=std[HEIGHT], tilt_rad=std[TILT], focal=std[FOCAL], roll_rad=std[ROLL]),
         assessment=assess(fit, people, model, walked),
         odd=tuple(np.flatnonzero(fit.deviations > ODD_FROM).tolist()),
-        stature=fit.stature,
         boxes_only=fit.prior.reading == "boxes",
     )
 
@@ -203,7 +201,7 @@ def starts(
     tilts = np.radians(np.linspace(-89.0, 89.0, GRID[2]))
     # (n, 3) focal length [px], height [m] and tilt [rad].
     grid = np.stack(np.meshgrid(focals, heights, tilts, indexing="ij"), axis=-1).reshape(-1, 3)
-    marked = _undistorted(people.rows, size, lens)
+    marked = _undistort(people.rows, size, lens)
     errors = _grid_errors(grid, marked, model)
     chosen: list[F64] = []
     for i in np.argsort(errors, kind="stable")[:2000]:
@@ -216,7 +214,7 @@ def starts(
     return [GroundCamera(*size, math.exp(f), math.exp(h), float(tilt), lens) for f, h, tilt in chosen]
 
 
-def _undistorted(rows: F64, size: tuple[int, int], lens: str) -> F64:
+def _undistort(rows: F64, size: tuple[int, int], lens: str) -> F64:
     """(n, 4, 2) both corners of the boxes, heads and feet of (n, 8) rows, from the image centre, without distortion."""
     marked = rows.reshape(-1, 4, 2) - (np.array(size) - 1) / 2
     k = distortion_k(lens, size[0])
@@ -282,15 +280,15 @@ def _refuse_unfit(fit: GroundCameraFit, errors: F64, name: str) -> None:
     is_fit = fit.deviations <= ODD_FROM
     error = float(np.median(errors[is_fit])) if is_fit.any() else math.inf
     if error > MAX_ERROR or is_fit.mean() < 0.5:
-        found = f"error {error:.2f} (at most {MAX_ERROR:g}), {1.0 - is_fit.mean():.0%} of the samples far off"
+        actual = f"error {error:.2f} (at most {MAX_ERROR:g}), {1.0 - is_fit.mean():.0%} of the samples far off"
         question = "are they standing people of one size in upright images of this size?"
-        raise WorkError(f"{name}: no camera fits the samples: {found}; {question}")
+        raise WorkError(f"{name}: no camera fits the samples: {actual}; {question}")
     roll_deg = math.degrees(fit.camera.roll_rad)
     # A larger roll is none of a camera, but of wrong samples (3.5 deviations of the prior).
     if abs(roll_deg) > 7.0:
-        found = f"people who lean as in one turned by {roll_deg:.0f} degrees"
+        actual = f"people who lean as in one turned by {roll_deg:.0f} degrees"
         causes = "blobs that are not one person each, or a camera to be turned"
-        raise WorkError(f"{name}: expected an upright image, found {found}: {causes}")
+        raise WorkError(f"{name}: expected an upright image, found {actual}: {causes}")
     height_std = float(fit.std[HEIGHT])
     if not height_std <= MAX_HEIGHT_STD:
         problem = "camera height and focal length cannot be separated by these samples"
@@ -340,7 +338,7 @@ _TURNS_RAD = np.deg2rad([[-89.0, -44.0], [89.0, 44.0]])
 
 
 class _Advisor:
-    """What would make the camera known well enough: another person, many, or a known value.
+    """Finds what would make the camera certain enough: another person, many, or a given value.
 
     Attributes:
         limits: (3,) largest ``deviations`` that are enough.
@@ -420,7 +418,7 @@ class _Advisor:
         down = np.linspace(0, camera.height - 1, 10)
         places = camera.back_project(np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2))
         places = places[np.isfinite(places).all(axis=1)]
-        size = np.full(len(places), fit.stature)
+        size = np.full(len(places), math.exp(fit.shared[STATURE]))
         width = np.full(len(places), math.exp(fit.shared[GIRTH]))
         rows = predict(camera, body_points(model), places, np.zeros_like(places), size, width, fit.prior)
         is_inside = (rows[:, :2] >= 0).all(axis=1) & (rows[:, 2:4] < np.array(camera.size)).all(axis=1)
@@ -472,7 +470,7 @@ class _Advisor:
         return " and ".join(names.values()) if self._enough(both) else ""
 
     def _direction(self, sample: NextSample) -> str:
-        """Where a sample is against the others."""
+        """Direction of a sample from the others."""
         camera = self.fit.camera
         distance_m = np.hypot(*camera.back_project(sample.foot_px))
         ratio = float(distance_m / np.median(np.hypot(*self.fit.places_m.T)))

@@ -67,11 +67,6 @@ class GroundCameraFit:
         """(N_SHARED,) standard deviations."""
         return np.sqrt(np.diag(self.covariance))
 
-    @property
-    def stature(self) -> float:
-        """Mean height of the people against the model's [1], as far as a known camera height fixes it."""
-        return math.exp(self.shared[STATURE])
-
 
 def fit_camera(
     camera: GroundCamera, people: MarkedPeople, model: HumanModel, prior: CameraPrior, variation: float | None = None
@@ -100,7 +95,9 @@ def fit_camera(
         )
         values = result.x
         if variation is None:
-            scale = _likeliest_variation(residuals, values)
+            # One person who walks upright varies little.
+            trials = [Residuals(camera, people, model, prior, values, share) for share in (1.0, 0.5, 0.25)]
+            scale = max(trials, key=lambda trial: _score(trial, values)).variation
     covariance = _covariance(result.jac)
     volume = np.linalg.slogdet(covariance)[1] if np.isfinite(covariance).all() else 0.0
     # The prior's own normalisation: a wide prior promises less.
@@ -121,14 +118,9 @@ def fit_camera(
     )
 
 
-def _likeliest_variation(residuals: Residuals, values: F64) -> float:
-    """Variation of people that fits them best at these unknowns: one person who walks upright varies little."""
-
-    def score(variation: float) -> float:
-        # Each halving must raise the log-likelihood by 2.
-        return residuals.at(values, variation).log_likelihood(values) + 2.0 * math.log2(variation)
-
-    return max((1.0, 0.5, 0.25), key=score)
+def _score(residuals: Residuals, values: F64) -> float:
+    """Log-likelihood of the samples, which each halving of the variation must raise by 2."""
+    return residuals.log_likelihood(values) + 2.0 * math.log2(residuals.variation)
 
 
 class Residuals:
@@ -146,7 +138,6 @@ class Residuals:
         """Prepare; ``values`` are the unknowns at which the covariances of people are taken."""
         self.camera = camera
         self.people = people
-        self.model = model
         self.prior = prior
         self.variation = variation
         self.body = body_points(model)
@@ -156,10 +147,6 @@ class Residuals:
 
     def __call__(self, values: F64) -> F64:
         return np.append(self.of_samples(values), (values[:N_SHARED] - self.prior.mean) / self.prior.std)
-
-    def at(self, values: F64, variation: float) -> Residuals:
-        """Residuals with the covariances at other unknowns, of people who vary by this much."""
-        return Residuals(self.camera, self.people, self.model, self.prior, values, variation)
 
     def jacobian(self, values: F64, step: float = 1e-7) -> F64:
         """(8 n + N_SHARED, N_SHARED + 2 n) derivatives; a person's place moves only that person's rows."""

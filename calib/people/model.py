@@ -100,11 +100,11 @@ class HumanModel:
 
     def head(self, camera: GroundCamera, xy_m: ArrayLike) -> F64:
         """(..., 2) float64 [px]: the top of the head's centre, for (..., 2) floor positions [m]."""
-        return camera.project(np.insert(np.asarray(xy_m, dtype=np.float64), 2, self.height_m, axis=-1))
+        return _project_at(camera, xy_m, self.height_m)
 
     def foot(self, camera: GroundCamera, xy_m: ArrayLike) -> F64:
         """(..., 2) float64 [px]: the middle between the feet, for (..., 2) floor positions [m]."""
-        return camera.project(np.insert(np.asarray(xy_m, dtype=np.float64), 2, 0.0, axis=-1))
+        return _project_at(camera, xy_m, 0.0)
 
     def boxes(self, camera: GroundCamera, xy_m: ArrayLike) -> F64:
         """(..., 4) float64 left, top, width, height [px] of the outline, for (..., 2) floor positions [m]."""
@@ -112,6 +112,10 @@ class HumanModel:
         low = points.min(axis=-2)
         high = points.max(axis=-2)
         return np.concatenate([low, high - low], axis=-1)
+
+
+def _project_at(camera: GroundCamera, xy_m: ArrayLike, height_m: float) -> F64:
+    return camera.project(np.insert(np.asarray(xy_m, dtype=np.float64), 2, height_m, axis=-1))
 
 
 def _directions(count: int) -> F64:

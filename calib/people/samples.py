@@ -109,8 +109,8 @@ def refuse_bad_samples(samples: Sequence[HumanSample], size: tuple[int, int], na
         over_right = left + box_width - width
         over_bottom = top + box_height - height
         if max(-left, -top, over_right, over_bottom) > slack:
-            found = f"sample {number} at ({left:g}, {top:g}) of {box_width:g}x{box_height:g} (wrong image size?)"
-            raise InputError(f"{name}: expected boxes inside the image of {width}x{height}, found {found}")
+            actual = f"sample {number} at ({left:g}, {top:g}) of {box_width:g}x{box_height:g} (wrong image size?)"
+            raise InputError(f"{name}: expected boxes inside the image of {width}x{height}, found {actual}")
     feet = np.array([s.foot_px for s in samples])
     spread = float(np.hypot(*np.ptp(feet, axis=0)))
     typical = float(np.median([s.diagonal_px for s in samples]))

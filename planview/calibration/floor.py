@@ -101,8 +101,8 @@ def parse_points(texts: Sequence[str]) -> F64:
     except ValueError:
         points = np.empty((0, 0))
     if points.shape[1] not in (2, 3) or not np.isfinite(points).all():
-        found = " ".join(texts)
-        raise InputError(f"expected all u,v in pixels or all x,y,z in metres, found {found!r}", argument="points")
+        actual = " ".join(texts)
+        raise InputError(f"expected all u,v in pixels or all x,y,z in metres, found {actual!r}", argument="points")
     if len(points) < 3:
         raise InputError(f"expected three or more, found {len(points)}", argument="points")
     return points

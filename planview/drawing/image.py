@@ -168,7 +168,7 @@ class ImagePainter:
         labels.put(text, place * scale, person_rgb(person.track_id, person.state))
 
     def _paint_facing(self, picture: U8, person: TrackState, scale: int) -> None:
-        """Where a person faces, on the floor, with a white edge."""
+        """Draw where a person faces, on the floor, with a white edge."""
         line = facing_line(person)
         if self._camera is None or line is None:
             return

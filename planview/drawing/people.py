@@ -55,7 +55,7 @@ def rows_between(table: Trajectories, first_frame: int, end_frame: int) -> tuple
 
 
 def faces_surely(person: TrackState) -> bool:
-    """Whether front and back are told apart surely enough for an arrow; they are where a table has no confidence."""
+    """True if front and back are certain enough for an arrow; they are where a table has no confidence."""
     return not person.facing_confidence < SURE_FACING
 
 

@@ -53,7 +53,7 @@ def bounds_of(*places_m: F64) -> PlanBounds:
 
 
 def from_above(image: U8, camera: FloorCamera, x_m: AnyArray, y_m: AnyArray) -> U8:
-    """What an image shows at places of the floor: (H, W, 3) uint8 for (H, W) places [m]; black outside of the image."""
+    """Colours of an image at places of the floor: (H, W, 3) uint8 for (H, W) places [m]; black outside of the image."""
     places = np.stack([x_m, y_m, np.zeros_like(x_m)], axis=-1)
     pixels = np.nan_to_num(camera.project(places), nan=-1.0).astype(np.float32)
     columns = pixels[..., 0]

@@ -69,11 +69,13 @@ class Labels:
         left = int(np.clip(at_px[0], 0, free_columns))
         nearest_top = int(np.clip(at_px[1] - height, 0, free_rows))
         top = self._free_top(left, nearest_top, width, height)
-        self._boxes.append((left, top, left + width, top + height))
-        cv2.rectangle(self._picture, (left, top), (left + width, top + height), as_bgr(background), cv2.FILLED)
-        grey_level = float(np.dot(background, (0.299, 0.587, 0.114)))
+        right = left + width
+        bottom = top + height
+        self._boxes.append((left, top, right, bottom))
+        cv2.rectangle(self._picture, (left, top), (right, bottom), as_bgr(background), cv2.FILLED)
+        grey_level = np.dot(background, (0.299, 0.587, 0.114))
         colour = (255, 255, 255) if grey_level < WHITE_TEXT_BELOW else (0, 0, 0)
-        at = (left + _PAD_PX, top + height - base)
+        at = (left + _PAD_PX, bottom - base)
         cv2.putText(self._picture, text, at, FONT, self._size, colour, 1, cv2.LINE_AA)
 
     def _free_top(self, left: int, top: int, width: int, height: int) -> int:
@@ -115,7 +117,7 @@ def with_legend(picture: U8, entries: Sequence[Entry]) -> U8:
             x = 8
         top = strip.shape[0] - STRIP_PX
         cv2.rectangle(strip, (x, top + 6), (x + 13, top + 19), as_bgr(colour), -1)
-        cv2.putText(strip, text, (x + 19, top + 17), FONT, _SIZE, _INK, 1, cv2.LINE_AA)
+        _write(strip, text, (x + 19, top + 17))
         x += 19 + width + 16
     return np.vstack([as_colour(picture), strip])
 
@@ -130,16 +132,18 @@ def with_colour_bar(picture: U8, colormap: int, low: str, high: str, entries: Se
     bar = np.asarray(cv2.applyColorMap(np.tile(levels, (13, 1)), colormap), dtype=np.uint8)
     space = strip[6:19, start:stop]
     space[:] = bar[:, : space.shape[1]]
-    cv2.putText(strip, low, (8, 17), FONT, _SIZE, _INK, 1, cv2.LINE_AA)
-    cv2.putText(strip, high, (stop + 6, 17), FONT, _SIZE, _INK, 1, cv2.LINE_AA)
+    _write(strip, low, (8, 17))
+    _write(strip, high, (stop + 6, 17))
     whole = np.vstack([as_colour(picture), strip])
-    if not entries:
-        return whole
-    return with_legend(whole, entries)
+    return with_legend(whole, entries) if entries else whole
 
 
 def _strip(picture: U8) -> U8:
     return np.full((STRIP_PX, picture.shape[1], 3), _PAPER, dtype=np.uint8)
+
+
+def _write(strip: U8, text: str, at: tuple[int, int]) -> None:
+    cv2.putText(strip, text, at, FONT, _SIZE, _INK, 1, cv2.LINE_AA)
 
 
 def _width(text: str) -> int:

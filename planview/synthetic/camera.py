@@ -46,7 +46,7 @@ class CameraView:
         return np.concatenate([origins, directions], axis=1).astype(np.float32)
 
     def ray_steps(self, rays: F32) -> tuple[F32, F32]:
-        """How the rays (H * W, 6) change per pixel to the right and down."""
+        """Changes of the rays (H * W, 6) per pixel to the right and down."""
         grid = rays.reshape(self.height, self.width, 6)
         return (
             np.asarray(np.gradient(grid, axis=1)).reshape(-1, 6).astype(np.float32),

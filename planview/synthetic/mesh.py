@@ -121,7 +121,7 @@ def upright_box(
     return box((x - half_x, y - half_y, bottom), (x + half_x, y + half_y, top), material)
 
 
-def flat_ended(rows: ArrayLike) -> F64:
+def with_flat_ends(rows: ArrayLike) -> F64:
     """Rings for ``sweep`` with flat ends, from (R, 3) z and half sizes along x and y, or (R, 4) with a centre x."""
     inner = np.asarray(rows, np.float64)
     rings = np.zeros((len(inner) + 2, 5))

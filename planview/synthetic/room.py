@@ -13,7 +13,6 @@ from planview.synthetic.mesh import (
     Mesh,
     box,
     dome_rings,
-    flat_ended,
     join,
     limb_rings,
     quad,
@@ -21,6 +20,7 @@ from planview.synthetic.mesh import (
     rotation_z,
     sweep,
     upright_box,
+    with_flat_ends,
 )
 from planview.synthetic.scene import Furniture, FurnitureKind, Opening, Room, Surface, Wall
 from planview.synthetic.texture import Palette
@@ -189,8 +189,8 @@ def _office_chair(size: Size, main: int, dark: int) -> list[Mesh]:
         (z, 0.02, y * 0.6, -x - 0.04),
     ]
     cushion_rows = [(SEAT_M - 0.06, x * 0.9, y * 0.9), (SEAT_M - 0.02, x, y), (SEAT_M, x * 0.9, y * 0.9)]
-    back = sweep(flat_ended(back_rows), main, 16)
-    cushion = sweep(flat_ended(cushion_rows), main, 18)
+    back = sweep(with_flat_ends(back_rows), main, 16)
+    cushion = sweep(with_flat_ends(cushion_rows), main, 18)
     post = box((-x - 0.03, -0.03, SEAT_M - 0.06), (-x, 0.03, SEAT_M + 0.3), dark)
     return [column, *_star_base(dark), back, cushion, post]
 
@@ -242,7 +242,7 @@ def _shelf(size: Size, main: int, dark: int) -> list[Mesh]:
 
 
 def _plant(size: Size, main: int, dark: int) -> list[Mesh]:
-    pot = sweep(flat_ended([(0, 0.13, 0.13), (0.3, 0.18, 0.18)]), dark, 14)
+    pot = sweep(with_flat_ends([(0, 0.13, 0.13), (0.3, 0.18, 0.18)]), dark, 14)
     parts = [pot]
     rng = np.random.default_rng(7)
     for _ in range(22):
@@ -266,7 +266,7 @@ def _sofa(size: Size, main: int, dark: int) -> list[Mesh]:
 
 def _column(size: Size, main: int, _dark: int) -> list[Mesh]:
     x, y, z = _half(size)
-    return [sweep(flat_ended([(0, x, y), (z, x, y)]), main, 24)]
+    return [sweep(with_flat_ends([(0, x, y), (z, x, y)]), main, 24)]
 
 
 def _bench(size: Size, main: int, dark: int) -> list[Mesh]:

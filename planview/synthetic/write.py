@@ -29,7 +29,7 @@ BOX_HEADER = ",left_px,top_px,width_px,height_px,full_left_px,full_top_px,full_w
 
 @dataclass(frozen=True)
 class Written:
-    """What was written: frames, truth rows and the folder."""
+    """Result of writing: frames, truth rows and the folder."""
 
     frames: int
     truth_rows: int

@@ -16,9 +16,9 @@ import numpy as np
 from calib.camera import Camera
 from calib.errors import InputError, UnreadableError
 from calib.formats import fit_rig, load_rig, refuse_strange_camera
-from calib.formats.base import projected
+from calib.formats.base import camera_from_projection
 from calib.formats.rgbd import fit_rgbd, load_rgbd
-from calib.formats.ros import camera_from, region_of, windowed
+from calib.formats.ros import camera_from, region_of, sent_image
 from calib.io import size_text
 from calib.pose import SE3
 from calib.rig import IDENTITY, RgbdRig, StereoRig
@@ -161,8 +161,8 @@ def _camera(bag: Bag, info: CameraMessage, rectified: bool) -> tuple[Camera, SE3
     """The camera of a camera_info, or of its rectified images by P, and rect_SE3_camera."""
     try:
         if rectified:
-            size, _, p = windowed(info.fields)
-            camera, camera_SE3_rect = projected(size, p.tolist(), f"P of {info.topic}", 1.0)
+            size, _, p = sent_image(info.fields)
+            camera, camera_SE3_rect = camera_from_projection(size, p.tolist(), f"P of {info.topic}", 1.0)
             pose = camera_SE3_rect.inverse()
         else:
             camera, pose = camera_from(info.fields, info.topic)

@@ -35,7 +35,7 @@ class Draft:
 
     @property
     def step(self) -> Literal["box", "head", "foot"]:
-        """What is marked next."""
+        """The part that is marked next."""
         return "box" if self.box_px is None else "head" if self.head_px is None else "foot"
 
 
@@ -54,7 +54,7 @@ def handle_points(sample: HumanSample) -> list[tuple[Part, Point]]:
 
 
 def grabbed(samples: Sequence[tuple[int, HumanSample]], at: Point, reach_px: float) -> Handle | None:
-    """What of numbered samples lies under the mouse: the nearest part within reach, else the smallest box around it."""
+    """The part of numbered samples under the mouse: the nearest part within reach, else the smallest box around it."""
     found = [
         (math.hypot(u - at[0], v - at[1]), Handle(number, part))
         for number, sample in samples
@@ -108,7 +108,7 @@ class ValueRow(NamedTuple):
 
 
 class Assessed(NamedTuple):
-    """Whether a solution may be used without a second thought, and why."""
+    """Verdict on a solution, and why."""
 
     enough: bool
     sentence: str
@@ -147,7 +147,7 @@ class FloorFit(NamedTuple):
 
     @property
     def std(self) -> tuple[float, float, float]:
-        """Of height [m], tilt and roll [rad]."""
+        """Deviations of height [m], tilt and roll [rad]."""
         assert self.floor.covariance is not None
         height, tilt, roll = np.sqrt(self.floor.covariance.diagonal()).tolist()
         return height, tilt, roll
@@ -235,7 +235,7 @@ class Solution:
         ]
 
     def assessment(self) -> Assessed | None:
-        """Whether it is enough; None where nothing was solved."""
+        """Verdict on it; None where nothing was solved."""
         if self.problem:
             return Assessed(False, self.problem)
         if self.found is not None:

@@ -255,7 +255,7 @@ class CalibrationSession:
         return tuple(written)
 
     def next_step(self) -> str:
-        """What the person at the screen does next."""
+        """Instruction for the person at the screen."""
         if self.tool == "select":
             return "click a person or a point; drag to move it, arrow keys by a pixel, Delete removes it"
         if self.tool == "floor":
