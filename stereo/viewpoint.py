@@ -95,11 +95,12 @@ class Viewpoint:
         rows, columns = (size // BLOCK_PX for size in strength.shape)
         whole = strength[: rows * BLOCK_PX, : columns * BLOCK_PX].reshape(rows, BLOCK_PX, columns, BLOCK_PX)
         blocks = whole.swapaxes(1, 2).reshape(rows * columns, -1)
-        best, block = blocks.argmax(axis=1), np.arange(rows * columns)
-        places = block % columns * BLOCK_PX + best % BLOCK_PX, block // columns * BLOCK_PX + best // BLOCK_PX
+        row, column = np.divmod(np.arange(len(blocks)), columns)
+        down, across = np.divmod(blocks.argmax(axis=1), BLOCK_PX)
+        corners = np.column_stack([column * BLOCK_PX + across, row * BLOCK_PX + down])
         textured = blocks.max(axis=1) >= CORNER_MIN
         self.is_textured = float(textured.mean()) >= TEXTURED_SHARE
-        self._corners: F32 = np.column_stack(places)[textured].astype(np.float32)
+        self._corners: F32 = corners[textured].astype(np.float32)
         self._least = max(CORNERS_MIN, SHOWN_SHARE * len(self._corners))
 
     def turn(self, image: U8, focal_px: float) -> F64 | None:
@@ -131,8 +132,10 @@ class Viewpoint:
     def _stays(self, now: U8) -> bool:
         """Whether every second corner shows, without a wide search, that the camera has not moved."""
         corners = np.ascontiguousarray(self._corners[::2])
-        there, found, _ = cv2.calcOpticalFlowPyrLK(self._details, now, corners, corners.copy(), maxLevel=0, **_FOLLOWED)
-        stayed = (found[:, 0] > 0) & (np.hypot(*(there - corners).T) < STAYED_PX)
+        there, is_there, _ = cv2.calcOpticalFlowPyrLK(
+            self._details, now, corners, corners.copy(), maxLevel=0, **_FOLLOWED
+        )
+        stayed = (is_there[:, 0] > 0) & (_apart(there, corners) < STAYED_PX)
         return bool(stayed.mean() >= STAYED_SHARE)
 
     def _follow(self, now: U8, focal_px: float, shift_px: F64) -> F64 | None:
@@ -140,25 +143,36 @@ class Viewpoint:
         corners = self._corners
         guess = shift_px.astype(np.float32)
         how: dict[str, Any] = _FOLLOWED | {"flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
-        there, found, _ = cv2.calcOpticalFlowPyrLK(self._shown, now, corners, corners + guess, **how)
-        back, again, _ = cv2.calcOpticalFlowPyrLK(now, self._shown, there, there - guess, **how)
-        followed = (found[:, 0] > 0) & (again[:, 0] > 0) & (np.hypot(*(back - corners).T) < STAYED_PX)
+        there, is_there, _ = cv2.calcOpticalFlowPyrLK(self._shown, now, corners, corners + guess, **how)
+        back, is_back, _ = cv2.calcOpticalFlowPyrLK(now, self._shown, there, there - guess, **how)
+        followed = (is_there[:, 0] > 0) & (is_back[:, 0] > 0) & (_apart(back, corners) < STAYED_PX)
         if followed.sum() < self._least:
             return None
-        homography, along = cv2.findHomography(corners[followed], there[followed], cv2.RANSAC, STAYED_PX)
-        stayed = (np.hypot(*(there - corners)[followed].T) < STAYED_PX).sum()
+        corners = corners[followed]
+        there = there[followed]
+        homography, along = cv2.findHomography(corners, there, cv2.RANSAC, STAYED_PX)
+        stayed = (_apart(there, corners) < STAYED_PX).sum()
         if homography is None or along.sum() < max(self._least, 2 * stayed):
             return np.zeros(4) if stayed >= self._least else None
         height, width = now.shape
         pinhole = np.array([[focal_px, 0.0, 0.5 * width], [0.0, focal_px, 0.5 * height], [0.0, 0.0, 1.0]])
-        moved = np.linalg.inv(pinhole) @ homography @ pinhole
-        moved /= moved[2, 2]
-        middle = moved[:2, 2]
-        around = moved[:2, :2] - np.outer(middle, moved[2, :2])  # derivative in the middle
-        roll = math.atan2(around[1, 0] - around[0, 1], around[0, 0] + around[1, 1])
-        zoom = 0.5 * math.log(max(float(np.linalg.det(around)), 1e-6))
-        # The picture moves against the camera.
-        return np.array([math.atan(middle[1]), -math.atan(middle[0]), -roll, zoom])
+        return _turn_of(np.linalg.inv(pinhole) @ homography @ pinhole)
+
+
+def _apart(points: AnyArray, others: AnyArray) -> F64:
+    """(N,) distances of (N, 2) points from others."""
+    return np.asarray(np.hypot(*(points - others).T))
+
+
+def _turn_of(moved: AnyArray) -> F64:
+    """``Viewpoint.turn`` of the homography of rays, (3, 3), by which the picture has moved."""
+    moved = moved / moved[2, 2]
+    middle = moved[:2, 2]
+    around = moved[:2, :2] - np.outer(middle, moved[2, :2])  # derivative in the middle
+    roll = math.atan2(around[1, 0] - around[0, 1], around[0, 0] + around[1, 1])
+    zoom = 0.5 * math.log(max(float(np.linalg.det(around)), 1e-6))
+    # The picture moves against the camera.
+    return np.array([math.atan(middle[1]), -math.atan(middle[0]), -roll, zoom])
 
 
 class Viewpoints:
