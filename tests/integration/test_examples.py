@@ -57,7 +57,7 @@ def test_cells_of_the_notebook_run_in_order_and_export_what_they_track(short_cli
     names: dict[str, Any] = {"__name__": "__main__"}
     for number, source in enumerate(notebook()):
         exec(compile(source, f"cell {number}", "exec"), names)
-    assert names["scores"].switches == 0 and names["exported"].rows > 20
+    assert names["scores"].switches == 0 and names["exported"].values["rows"] > 20
     assert all((short_clip / "out" / "first" / name).is_file() for name in ("paths.png", "pedpy.txt", "report.html"))
 
 
