@@ -166,7 +166,7 @@ def replay_run(
         missing = {role: name for role, name in missing.items() if role == "tracker"}
     remedy = "replay it from Python and give the same matcher" if [*missing] == ["matcher"] else "run it again"
     results.refuse_own_parts(missing, remedy)
-    camera = results.camera if isinstance(results.camera, GroundCamera) else None
+    camera = cast(GroundCamera | None, results.camera)  # of a rig it is not used
     engine = open_engine(path, cast(TrackerName, results.info.tracker), config, camera, options, matcher)
     collector = TrajectoryCollector()
     decisions = []

@@ -112,8 +112,7 @@ def identify(name: str, entry: RecordingEntry) -> StudyInput | InputError:
     path = entry.path
     files = [file for file in (entry.calibration, entry.camera) if file is not None]
     try:
-        reader = find_reader(path, IMAGE_SOURCES)
-        files += FILES.get(reader.key, files_of_images)(path)
+        files += FILES.get(find_reader(path, IMAGE_SOURCES).key, files_of_images)(path)
         key = key_of(entry.fps, *map(content_key, files))
         truth = entry.truth or truth_file(path if path.is_dir() else path.parent)
         return StudyInput(name, entry, key, base_config(entry.path), truth, content_key(truth) if truth else "")
@@ -129,7 +128,8 @@ def files_of_images(path: Path) -> list[Path]:
 def files_of_sensors(path: Path) -> list[Path]:
     """rigs.toml, and the folders of the sensors."""
     file = rigs_file(path)
-    return [file, *(file.parent / rig.folder for rig in load_rigs(file))]
+    folders = [file.parent / rig.folder for rig in load_rigs(file)]
+    return [file, *folders]
 
 
 FILES: dict[str, Callable[[Path], list[Path]]] = {"sensors": files_of_sensors, "maps": lambda path: [path]}
