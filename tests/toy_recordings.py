@@ -91,3 +91,10 @@ def video_pair(folder: Path, counts: tuple[int, int], width: int = 64, height: i
         write_video(folder / f"{side}.avi", count, width, height)
     save_rig(toy_rig((width, height), focal_px=60.0), folder / "rig.toml")
     return folder
+
+
+def table_file(folder: Path, text: str) -> Path:
+    """A file of tracks or truth."""
+    path = folder / "table.csv"
+    path.write_bytes(text.encode())
+    return path

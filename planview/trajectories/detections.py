@@ -205,12 +205,15 @@ def _read_coco(path: Path) -> tuple[F64, list[str]]:
 def _refuse_no_boxes(table: F64, path: Path) -> None:
     """Refuse (N, 5 or more) rows that do not begin with a frame number and the box of a detector."""
     frame = table[:, 0]
-    if not ((frame % 1 == 0) & (frame >= 0) & (frame <= FRAMES_MAX)).all():
-        raise InputError(f"{path}: expected frames from 0 to {FRAMES_MAX}, found others")
-    flat = np.flatnonzero(table[:, 3:5].min(axis=1, initial=1.0) <= 0)
-    if len(flat):
-        left, top, width, height = table[flat[0], 1:5]
-        text = f"{left:g},{top:g},{width:g},{height:g}"
-        raise InputError(
-            f"{path}: expected boxes with a width and height above 0, found in frame {frame[flat[0]]:.0f} {text}"
-        )
+    is_frame = (frame % 1 == 0) & (frame >= 0) & (frame <= FRAMES_MAX)
+    for row in table[~is_frame][:1]:
+        raise InputError(f"{path}: expected frames from 0 to {FRAMES_MAX}, found {_frame_and_box(row)}")
+    is_flat = (table[:, 3:5] <= 0).any(axis=1)
+    for row in table[is_flat][:1]:
+        raise InputError(f"{path}: expected boxes with a width and height above 0, found in {_frame_and_box(row)}")
+
+
+def _frame_and_box(row: F64) -> str:
+    """What the file has in a row, by which it can be searched."""
+    frame, *box = (f"{value:.10g}" for value in row[:5])
+    return f"frame {frame} {','.join(box)}"

@@ -21,15 +21,11 @@ SHIFTED = [*EVEN[:12], EVEN[11], *EVEN[13:]]
 
 FRAME_FAULTS = (
     Fault("left image missing", removed(L), skipped=1),
-    Fault("right image missing", removed(R), skipped=1),
     Fault("both images missing", removed(L, R), skipped=1),
-    Fault("three images missing", removed(L, "right/000003.png", "left/000008.png"), skipped=3),
     Fault("first image missing", removed("left/000000.png"), skipped=1),
     Fault("image cut off", cut(L, 0.5), skipped=1),
-    Fault("image without its last bytes", cut(R, 0.97), skipped=1),
     Fault("empty image", replaced(L, ""), skipped=1),
     Fault("text for an image", replaced(R, "no image"), skipped=1),
-    Fault("noise for an image", replaced(L, np.random.default_rng(0).bytes(4000)), skipped=1),
     Fault("image that claims 60000 x 60000", replaced(R, png_claiming(60_000, 60_000)), skipped=1),
     Fault("image of another size", replaced(L, png_claiming(100, 100)), skipped=1),
     Fault("folder for an image", instead(L, Path.mkdir), skipped=1),
@@ -52,10 +48,8 @@ FOLDER_FAULTS = (
 )  # fmt: skip
 TIMING_FAULTS = (
     Fault("right images one frame late", right_shows(lambda i: max(0, i - 1)), warns="synchronisation"),
-    Fault("right images three frames late", right_shows(lambda i: max(0, i - 3)), warns="synchronisation"),
     Fault("left images two frames late", right_shows(lambda i: max(0, i - 2), ["left"]), warns="synchronisation"),
     Fault("right camera frozen", right_shows(lambda i: 0), warns="frozen camera"),
-    Fault("left camera frozen", right_shows(lambda i: 0, ["left"]), warns="frozen camera"),
     Fault("right camera stalls", right_shows(lambda i: 10 if 10 < i < 22 else i), warns="stalled camera"),
     Fault("every third pair a copy", right_shows(lambda i: i * 2 // 3, ["left", "right"]), warns="repeated pairs"),
     Fault("late and strict", right_shows(lambda i: max(0, i - 1)), 2, "checks failed: .*synchronisation", words=("--strict",)),
@@ -71,37 +65,25 @@ IMAGE_FAULTS = (
 RIG = "rig.toml"
 CALIBRATION_FAULTS = (
     Fault("no calibration", removed(RIG), 2, "stereo calibration"),
-    Fault("empty calibration", replaced(RIG, ""), 2, "stereo calibration"),
-    Fault("binary calibration", replaced(RIG, bytes(range(256))), 2, "stereo calibration"),
     Fault("calibration cut off", cut(RIG, 0.6), 2, "rig.toml|stereo calibration"),
     Fault("key missing", edited(RIG, "fx = ", "gx = "), 2, "fx"),
     Fault("negative focal length", edited(RIG, "fx = ", "fx = -"), 2, "positive focal"),
     Fault("focal length not a number", edited(RIG, "fx = ", "fx = nan # "), 2, "finite"),
-    Fault("focal length of text", edited(RIG, "fx = ", 'fx = "a" # '), 2, "rig.toml"),
     Fault("focal length of 5000 digits", edited(RIG, "fx = ", f"fx = {'9' * 5000} # "), 2, "rig.toml"),
-    Fault("lens that shows nothing", edited(RIG, "distortion = []", "distortion = [-1e6, 0.0, 0.0, 0.0]"), 2, "shows the middle of its image"),
     Fault("focal length of another image", edited(RIG, "fx = ", "fx = 9"), 2, "focal length"),
-    Fault("no baseline", edited(RIG, "translation_m = [-0.12", "translation_m = [-0.0"), 2, "rig.toml"),
-    Fault("baseline in millimetres", edited(RIG, "translation_m = [-0.12", "translation_m = [-120.0"), 2, "rig.toml"),
     Fault("rotation that is none", edited(RIG, "rotation = [[1.0", "rotation = [[3.0"), 2, "rotation"),
     Fault("calibration for another image", edited(RIG, "width = 160", "width = 170"), 2, "170x120"),
     Fault("keys nested 5000 deep", replaced(RIG, "[right_SE3_left]\na" + ".a" * 5000 + " = 1"), 2, "nested"),
     Fault("calibration of 20 GB", sparse(RIG, 20_000_000_000), 2, "stereo calibration"),
     Fault("pipe for a calibration", instead(RIG, pipe), 2, "stereo calibration"),
     Fault("YAML bomb", both(removed(RIG), replaced("intrinsics.yml", bomb())), 2, "calibration"),
-    Fault("two calibrations", lambda f: (f / "b.toml").write_bytes((f / RIG).read_bytes()), 2, "found 2"),
 )  # fmt: skip
 WORLD = "world.toml"
 SIDE_FILE_FAULTS = (
     Fault("broken world.toml", replaced(WORLD, "[world"), 2, "world.toml"),
-    Fault("world.toml without its table", replaced(WORLD, "a = 1"), 2, "world_SE3_left"),
-    Fault("camera 99 m above the floor", edited(WORLD, "2.5]", "99.0]"), 2, "world.toml.*sees the space between floor"),
     Fault("camera that looks up", lambda f: save_world(Floor(SE3(np.eye(3), np.array([0.0, 0.0, 2.5]))), f / WORLD), 2, "world.toml.*sees the space between floor"),
     Fault("empty timestamps", replaced("timestamps.csv", ""), 2, "timestamps.csv"),
-    Fault("timestamps without rows", replaced("timestamps.csv", "frame,timestamp_s\n"), 2, "found none"),
     Fault("time that stands", replaced("timestamps.csv", rows(SHIFTED)), 2, "increase"),
-    Fault("time of words", replaced("timestamps.csv", rows(["noon", *EVEN[1:]])), 2, "expected a time.*found .noon"),
-    Fault("frame of 30 digits in timestamps", replaced("timestamps.csv", rows(EVEN, "9" * 30)), 2, "timestamps.csv"),
     Fault("binary timestamps", replaced("timestamps.csv", bytes(range(256))), 2, "timestamps.csv"),
     Fault("timestamps of fewer frames", replaced("timestamps.csv", rows(EVEN[:20]))),
     Fault("no timestamps", removed("timestamps.csv"), 2, "use --fps"),
@@ -110,17 +92,13 @@ SIDE_FILE_FAULTS = (
 VIDEO_FAULTS = (
     Fault("good videos", videos()),
     Fault("video cut off", videos(right=lambda d: d[: len(d) * 2 // 3])),
-    Fault("empty video", videos(right=lambda d: b""), 2, "right.avi"),
     Fault("text for a video", videos(left=lambda d: b"no video" * 100), 2, "left.avi"),
     Fault("videos that claim 2e9 frames", videos(claims_frames, claims_frames)),
 )  # fmt: skip
 OPTION_FAULTS = (
-    Fault("unknown setting", nothing, 2, "no_such", words=("--set", "maps.no_such=1")),
     Fault("setting out of range", nothing, 2, "cell_m", words=("--set", "maps.cell_m=1e-9")),
     Fault("binary settings", replaced("c", bytes(range(256))), 2, "TOML", words=("--config", "{}/c")),
     Fault("broken rules", replaced("r", "[["), 2, "rules.toml", words=("--rules", "{}/r")),
-    Fault("rule that is a formula", replaced("r", '[[tripwire]]\nname = "=1+1"\nfrom_m = [0, 1]\nto_m = [1, 1]'), 2, "= \\+ - @", words=("--rules", "{}/r")),
-    Fault("rule out of view", replaced("r", '[[tripwire]]\nname = "a"\nfrom_m = [900, 1]\nto_m = [901, 1]'), 2, "outside", words=("--rules", "{}/r")),
     Fault("negative number of frames", nothing, 2, "--frames", words=("--frames", "-1")),
     Fault("tracker that is none", nothing, 2, "telepathy", words=("--tracker", "telepathy")),
 )  # fmt: skip

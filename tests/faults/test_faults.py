@@ -34,7 +34,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
     """Plots cost more than the run. The name is patched where it is used: a command that is imported for the first time
     while the module of the page is patched would keep the patch for all later tests."""
-    monkeypatch.setattr("planview.api.run.write_report", lambda folder: None)
+    monkeypatch.setattr("planview.output.run.write_report", lambda folder: None)
 
 
 def test_there_are_at_least_sixty_faults():

@@ -7,8 +7,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from toy_calibrations import DEPTHAI, EUROC, KITTI, MIDDLEBURY, foreign_calibrations
 
 from calib.camera import Camera
@@ -234,14 +232,6 @@ def test_kitti_rectified_images_get_the_rectified_cameras(tmp_path):
     assert raw.baseline_m == pytest.approx(0.53) and rectified.baseline_m == pytest.approx(0.53)
 
 
-def test_middlebury_file_is_read_in_millimetres(tmp_path):
-    camera = "cam{}=[3997.684 0 {}; 0 3997.684 1011.728; 0 0 1]\n"
-    sizes = "doffs=131.111\nbaseline=193.001\nwidth=2964\nheight=1988\nndisp=280\n"
-    (tmp_path / "calib.txt").write_text(camera.format(0, 1176.728) + camera.format(1, 1307.839) + sizes)
-    rig = load_rig(tmp_path)
-    assert rig.baseline_m == pytest.approx(0.193001) and rig.right.cx == 1307.839
-
-
 @pytest.mark.parametrize(
     "content",
     [
@@ -293,6 +283,9 @@ HOLDS = {
 }
 
 
+SUFFIXES = {form.key: form.suffix for form in WRITTEN}
+
+
 def furthest_pixel(one: StereoRig, other: StereoRig) -> float:
     x, y, z = np.meshgrid(np.linspace(-0.5, 0.5, 7), np.linspace(-0.4, 0.4, 7), [0.8, 2.0, 10.0])
     points = np.stack([x * z, y * z, z], axis=-1).reshape(-1, 3)
@@ -300,19 +293,15 @@ def furthest_pixel(one: StereoRig, other: StereoRig) -> float:
     return float(np.abs(np.subtract(*pixels)).max())
 
 
-def name_of(key: str) -> str:
-    return f"out{ ({f.key: f.suffix for f in WRITTEN}[key]) }"
-
-
 @pytest.mark.parametrize("key", HOLDS)
 @pytest.mark.parametrize("lens", LENSES)
 def test_format_keeps_every_reprojected_point_whatever_the_file_is_called_or_refuses(key, lens, tmp_path):
     rig = StereoRig(LENSES[lens], LENSES[lens], RIG_POSE, "test")
-    path = tmp_path / name_of(key)
     if lens not in HOLDS[key]:
         with pytest.raises(InputError, match="can hold"):
-            write_rig(rig, path, key)
+            write_rig(rig, tmp_path / "out", key)
         return
+    path = tmp_path / f"out{SUFFIXES[key]}"
     write_rig(rig, path, key)
     assert furthest_pixel(load_rig(path.rename(tmp_path / "x")), rig) < MAX_PX
 
@@ -349,27 +338,6 @@ def test_files_that_opencv_writes_are_read_and_a_column_of_four_coefficients_is_
     column = stored_by_opencv(tmp_path / f"b{suffix}", replace(rig, right=BROWN4), column=True)
     with pytest.raises(InputError, match="distortion_model: fisheye"):
         load_rig(column, (1280, 720))
-
-
-small = st.floats(-0.3, 0.3)
-
-
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    turn=st.tuples(small, small, small),
-    shift=st.tuples(st.floats(-4, -0.02), st.floats(-0.01, 0.01), st.floats(-0.01, 0.01)),
-    focal=st.floats(200, 3000),
-    key=st.sampled_from(["rig", "opencv", "kalibr", "ros"]),
-)
-def test_any_pose_survives_every_format(turn, shift, focal, key, tmp_path):
-    camera = Camera(1280, 720, focal, focal * 1.01, 600.0, 350.0, "brown", (-0.1, 0.01, 0.0, 0.0))
-    rig = StereoRig(camera, camera, SE3.from_rotvec(turn, shift), "any")
-    path = tmp_path / key / name_of(key)
-    path.parent.mkdir(exist_ok=True)
-    write_rig(rig, path, key)
-    back = load_rig(path)
-    np.testing.assert_allclose(back.right_SE3_left.matrix, rig.right_SE3_left.matrix, atol=1e-12)
-    np.testing.assert_allclose(back.left.matrix, rig.left.matrix, rtol=1e-14)
 
 
 def test_camera_info_of_a_binned_region_of_interest() -> None:

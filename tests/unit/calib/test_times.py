@@ -91,11 +91,23 @@ def test_odd_times_of_a_table_are_named(times: np.ndarray, said: str) -> None:
         (["23:59:58.5", "23:59:59"], "date", 500_000_000),
         (["100000", "100033"], "ms", 33_000_000),
         (["1200000000000", "1200033333333"], "ns", 33_333_333),  # 20 minutes after the start of the machine
+        (["1403715273262142976", "1403715273312142976"], "ns", 50_000_000),
+        (["1403715273262142", "1403715273312142"], "us", 50_000_000),
+        (["1403715273262", "1403715273312"], "ms", 50_000_000),
+        (["1403715273.262142976", "1403715273.312142976"], "s", 50_000_000),
+        (["0", "0.05"], "s", 50_000_000),
+        (["0", "33.25"], "ms", 33_250_000),
+        (["0", "33250"], "us", 33_250_000),
+        (["7", "33250007"], "ns", 33_250_000),
     ],
 )
 def test_times_are_read_in_every_way_that_recorders_write_them(texts: list[str], unit: str, step_ns: int) -> None:
     stamps = read_stamps("times.txt", texts)
     assert (stamps.unit, stamps.ns[1] - stamps.ns[0]) == (unit, step_ns)
+
+
+def test_no_digit_of_a_time_is_lost() -> None:
+    assert read_stamps("", ["1403715273.262142976"]).ns[0] == 1403715273262142976
 
 
 @pytest.mark.parametrize("text", ["29.10.2023 01:00", "2023-13-01 01:00:00", "3.5", "later"])

@@ -241,11 +241,7 @@ def test_tum_associations_decide_when_they_are_there(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("line", "found"),
-    [("10.0 ../secret.png", "inside the recording")]
-    + [
-        (f"{time} rgb/10.1.png", rf"rgb\.txt: expected time.* found '{time}")
-        for time in ("1e999999", "1e99999999", "1e19", "nan", "0001-01-01", "9999-12-31", "2262-04-12")
-    ],
+    [("10.0 ../secret.png", "inside the recording"), ("nan rgb/10.1.png", r"rgb\.txt: expected time.* found 'nan")],
 )
 def test_tum_names_outside_and_times_that_no_clock_shows_are_refused(tmp_path: Path, line: str, found: str) -> None:
     (_tum(tmp_path) / "rgb.txt").write_text(f"# times\n10.0 rgb/10.0.png\n{line}\n")

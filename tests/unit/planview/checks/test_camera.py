@@ -40,10 +40,6 @@ def watched(frames: list[U8]) -> tuple[Standing, list[bool]]:
     return standing, [standing.update(i, 0.1 * i, (frame,)) for i, frame in enumerate(frames)]
 
 
-def test_fixed_camera_stands_when_its_exposure_halves() -> None:
-    assert all(watched([window(SCENE)] * 5 + [window(SCENE) // 2] * 25)[1])
-
-
 def test_panning_camera_has_moved_and_settles_when_it_stops() -> None:
     frames = [window(SCENE)] * 10 + [window(SCENE, 2 * i) for i in range(20)]
     standing, stands = watched(frames)
@@ -172,13 +168,11 @@ def test_depth_of_its_image_passes() -> None:
 @pytest.mark.parametrize(
     ("change", "named"),
     [
-        (lambda depth: depth[:, ::-1], "depth is mirrored against its image"),
-        (lambda depth: depth[::-1, ::-1], "depth is turned by 180 degrees against its image"),
         (lambda depth: np.roll(depth, -12, axis=1), r"\+2[2-6] px to the right, [+-][0-2] down"),
         (lambda depth: np.roll(depth, 10, axis=0), r"[+-][0-2] px to the right, -(18|20|22) down"),
         (scaled, r"not registered to its image, 1\.09 of its size"),
     ],
-    ids=["mirrored", "turned", "to the left", "down", "another lens"],
+    ids=["to the left", "down", "another lens"],
 )
 def test_depth_that_is_not_of_its_image_is_named_with_its_figure(change: Callable[[F32], F32], named: str) -> None:
     assert re.search(named, failing(change)["depth on its image"].note)

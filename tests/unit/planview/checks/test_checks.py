@@ -2,11 +2,10 @@
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from toy_stereo import SIZE, ToyWorld, toy_rig, walking, write_toy_recording
@@ -85,13 +84,22 @@ def failing(found: dict[str, Check]) -> set[str]:
     return {name for name, check in found.items() if not check.ok}
 
 
-def test_cameras_in_step_and_still_scenes_pass_and_frozen_cameras_and_copies_are_reported(sides):
+def test_cameras_in_step_pass(sides):
     found = watched(*sides)
     assert found["synchronisation"].value < 0.2 and failing(found) == set()
+
+
+def test_still_scenes_pass():
     still = watched(*[[picture(0, 0)] * FRAMES] * 2)
     assert np.isnan(still["synchronisation"].value) and failing(still) == set()
+
+
+def test_a_frozen_camera_is_reported(sides):
     frozen = watched(sides[0], [sides[1][0]] * FRAMES)
     assert frozen["frozen camera"].value == 1.0 and {"frozen camera", "stalled camera"} <= failing(frozen)
+
+
+def test_pairs_that_are_copies_are_reported(sides):
     copied = watched(*([side[i * 4 // 5] for i in range(FRAMES)] for side in sides))
     assert copied["repeated pairs"].value == pytest.approx(0.17, abs=0.05)
 
@@ -215,53 +223,30 @@ def claimed(scale: float = 1.0, mirrored: bool = False) -> StereoRig:
     return replace(RIG, right_SE3_left=SE3(pose.rotation.T if mirrored else pose.rotation, scale * pose.translation))
 
 
-def brightened(pairs: Pairs, factor: float) -> Pairs:
-    return [(cv2.convertScaleAbs(a, alpha=factor), cv2.convertScaleAbs(b, alpha=factor)) for a, b in pairs]  # type: ignore[misc]
-
-
 def seen(world: ToyWorld) -> Pairs:
     """Nobody before six frames of a world."""
     return [world.pair(RIG, (), i) for i in range(6)]
 
 
-IMAGES: dict[str, tuple[Callable[[Pairs], Pairs], set[str]]] = {
-    "swapped": (lambda pairs: [(b, a) for a, b in pairs[:8]], {"left-right order"}),
-    "vertical shift": (lambda pairs: [(a, np.roll(b, 4, axis=0)) for a, b in pairs[:8]], {"row offset"}),
-    "frozen right camera": (lambda pairs: [(a, pairs[0][1]) for a, _ in pairs], {"frozen camera"}),
-    "a wall": (
-        lambda _: seen(ToyWorld(tilt_deg=55.0, camera_height_m=20.0, wall_y_m=3.0)), {"floor share"},
-    ),
-    "over-exposed": (lambda pairs: brightened(pairs[:8], 2.5), {"over-exposure"}),
-    "under-exposed": (lambda pairs: brightened(pairs[:8], 0.12), {"under-exposure"}),
-    "covered right camera": (
-        lambda pairs: [(a, np.full_like(b, 3)) for a, b in pairs[:8]], {"brightness match", "matched corners"},
-    ),
-    "no texture": (
-        lambda _: seen(ToyWorld(contrast=0.0, floor_contrast=0.0, noise=0.5)), {"valid disparity", "matched corners"},
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("fault", IMAGES)
-def test_fault_of_the_images(fault, tmp_path, pairs):
-    images, expected = IMAGES[fault]
-    assert expected <= failed(write_toy_recording(tmp_path / "r", RIG, images(pairs)))
+@pytest.mark.parametrize(
+    ("world", "expected"),
+    [
+        (ToyWorld(tilt_deg=55.0, camera_height_m=20.0, wall_y_m=3.0), {"floor share"}),
+        (ToyWorld(contrast=0.0, floor_contrast=0.0, noise=0.5), {"valid disparity", "matched corners"}),
+    ],
+    ids=["a wall", "no texture"],
+)
+def test_fault_of_the_scene(world, expected, tmp_path):
+    assert expected <= failed(write_toy_recording(tmp_path / "r", RIG, seen(world)))
 
 
 @pytest.mark.parametrize(
-    ("rig", "frames", "expected"),
-    [
-        (RIG.swapped(), 4, {"calibration and layout"}),
-        (claimed(scale=1000.0), COUNT, {"calibration and layout"}),
-        (toy_rig((400, 240)), 6, {"calibration and layout"}),
-        (claimed(mirrored=True), 8, {"row offset"}),
-        (turned(RIG, (0.0, 0.0, 2.0)), 8, {"camera turn"}),
-    ],
-    ids=["cameras swapped", "millimetres", "another image size", "mirrored pose", "turned camera"],
+    ("rig", "expected"),
+    [(claimed(scale=1000.0), "calibration and layout"), (claimed(mirrored=True), "row offset")],
+    ids=["millimetres", "mirrored pose"],
 )
-def test_fault_of_the_calibration(rig, frames, expected, tmp_path, pairs):
-    found = failed(write_toy_recording(tmp_path / "r", RIG, pairs[:frames], claimed=rig))
-    assert expected <= found and (found == expected or expected != {"calibration and layout"})
+def test_fault_of_the_calibration(rig, expected, tmp_path, pairs):
+    assert expected in failed(write_toy_recording(tmp_path / "r", RIG, pairs[:8], claimed=rig))
 
 
 def test_fault_units_of_inches(tmp_path, pairs):
@@ -292,19 +277,10 @@ def test_fault_of_scale_against_a_known_height(tmp_path, pairs):
     assert failed(lens, person_height_m=1.75)
 
 
-@pytest.mark.parametrize(
-    ("fault", "name", "value", "within"),
-    [
-        (lambda pairs: (pairs[:8], turned(RIG, (0.0, 2.0, 0.0))), "camera turn", 2.0, 0.2),
-        (lambda pairs: ([(a, pairs[i][1]) for i, (a, _) in enumerate(pairs[3:])], RIG), "synchronisation", 3.0, 0.6),
-    ],
-    ids=["panned since calibration", "right camera late"],
-)
-def test_fault_is_reported_with_its_size(fault, name, value, within, tmp_path, pairs):
-    shown, rig = fault(pairs)
-    diagnosis = examine(write_toy_recording(tmp_path / "r", RIG, shown, claimed=rig), frames=COUNT)
-    check = next(c for c in diagnosis.checks if c.name == name)
-    assert not check.ok and check.value == pytest.approx(value, abs=within)
+def test_camera_that_was_panned_since_its_calibration_is_reported_with_the_angle(tmp_path, pairs):
+    folder = write_toy_recording(tmp_path / "r", RIG, pairs[:8], claimed=turned(RIG, (0.0, 2.0, 0.0)))
+    check = next(check for check in examine(folder).checks if check.name == "camera turn")
+    assert not check.ok and check.value == pytest.approx(2.0, abs=0.2)
 
 
 def test_check_writes_the_rig_that_the_recording_corrects(tmp_path, pairs, capsys):
@@ -401,24 +377,21 @@ def test_the_verdict_comes_first_and_names_what_failed_before_what_is_a_warning(
     failed = Check("valid disparity", False, 0.2, "", 0.35, "at least", "share of the picture")
     fine = Check("row offset", True, 0.1)
     lines = verdict((fine, warned, failed))
-    assert lines[0] == "Results of this recording cannot be trusted: 1 of 3 checks failed and 1 warning."
-    assert lines[1] == "failed: valid disparity: expected at least 0.35, found 0.2 (share of the picture)"
-    assert lines[2].startswith(
-        "warning: person height: expected 1.5 to 1.95 m, found 1.05 (likely a wrong focal length"
-    )
-    assert verdict((fine, warned))[0] == "Results can be used, with 1 warning."
-    unknown = height_check(np.empty(0))
-    expected = "Nothing wrong was found: 1 checks passed; not measured: person height."
-    assert verdict((fine, unknown)) == [expected]
+    assert "1 of 3 checks failed and 1 warning" in lines[0]
+    assert lines[1].startswith("failed: valid disparity: expected at least 0.35, found 0.2")
+    assert lines[2].startswith("warning: person height: expected 1.5 to 1.95 m, found 1.05")
+
+
+def test_the_verdict_names_what_was_not_measured():
+    (line,) = verdict((Check("row offset", True, 0.1), height_check(np.empty(0))))
+    assert "not measured: person height" in line
 
 
 def test_command_prints_the_verdict_before_the_table(tmp_path, capsys):
     (tmp_path / "left").mkdir()
     with pytest.raises(WorkError, match="1 of 1 checks failed: calibration and layout"):
         check(tmp_path)
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith("Results of this recording cannot be trusted: 1 of 1")
-    assert lines[1].startswith("failed: calibration and layout: ")
+    assert capsys.readouterr().out.splitlines()[1].startswith("failed: calibration and layout: ")
 
 
 def test_command_refuses_a_height_without_sense(refused, tmp_path):

@@ -1,6 +1,5 @@
 """Whole evaluations."""
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -213,29 +212,17 @@ def files(tmp_path: Path) -> tuple[Path, Path]:
     )
 
 
-def run(*words: str) -> int:
-    try:
-        main(["evaluate", *words])
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    return 0
-
-
-def test_evaluate_prints_one_json_object_with_the_agreed_keys(files, capsys):
-    assert run(str(files[0]), str(files[1]), "--json") == 0
-    out, err = capsys.readouterr()
-    result = json.loads(out)
+def test_evaluate_prints_one_json_object_with_the_agreed_keys(files, json_of):
+    result = json_of("evaluate", *files)
     assert all(key in result for key in KEYS)
     assert set(result["significant_errors"]) == {"total", "lost", "missed", "swapped", "transferred", "false_track"}
-    assert result["misses"] == 30 and "30 truth rows lie after the last track" in " ".join(err.split())
 
 
-def test_evaluate_scores_the_frames_of_the_run_as_its_report_does(files, capsys):
+def test_evaluate_scores_the_frames_of_the_run_as_its_report_does(files, json_of):
     folder = files[0].parent
     info = RunInfo(input=str(folder), finished=True, frames_read=75, fps=30.0)
     write_run_info(info, folder / "run.json")
-    assert run(str(folder), "--json") == 0
-    result = json.loads(capsys.readouterr().out)
+    result = json_of("evaluate", folder)
     scores = scores_of(RunFolder(folder))
     assert scores is not None
     printed = scores.to_json()
@@ -254,10 +241,10 @@ def test_evaluate_scores_the_frames_of_the_run_as_its_report_does(files, capsys)
     ],
     ids=["no rows in most frames", "another unit"],
 )
-def test_truth_that_does_not_fit_is_noted(files, capsys, truth, note):
+def test_truth_that_does_not_fit_is_noted(files, cli, truth, note):
     write(files[1], "frame,id,x_m,y_m,height_m,visible", truth)
-    assert run(str(files[0]), str(files[1])) == 0
-    assert note in " ".join(capsys.readouterr().err.split())
+    status, printed = cli("evaluate", *files)
+    assert status == 0 and note in " ".join(printed.split())
 
 
 def test_truth_of_other_frames_is_refused_naming_both_files(files, refused):
@@ -267,18 +254,18 @@ def test_truth_of_other_frames_is_refused_naming_both_files(files, refused):
     assert printed.endswith(f"of {files[0]}, found 500 to 501")
 
 
-def test_evaluate_lists_each_significant_error_and_takes_the_folder_of_a_run(files, capsys):
+def test_evaluate_lists_each_significant_error(files, capsys):
     text = files[1].read_text() + "".join(f"{t},5,3,3,1.6,1\n" for t in range(20, 90))
     files[1].write_text(text)
-    assert run(str(files[0].parent / "tracks.csv"), str(files[1]), "--frames", "0:89", "--gate", "0.3") == 0
-    assert "frame 20: missed: person 5: visible for 2.3 s and never tracked" in capsys.readouterr().out
-    assert run(str(files[0].parent), str(files[1]), "--json") == 0
+    with pytest.raises(SystemExit, match="0"):
+        main(["evaluate", *map(str, files), "--frames", "0:89", "--gate", "0.3"])
+    assert "frame 20: missed: person 5" in capsys.readouterr().out
 
 
 MOT16_ROWS = "".join(f"{t},1,{10 * t},20,30,40,1,1,1\n" for t in range(1, 6))
 
 
-def test_evaluate_pairs_two_folders_by_name_and_pools_them(tmp_path, capsys):
+def test_evaluate_pairs_two_folders_by_name_and_pools_them(tmp_path, json_of):
     for name, rows in (("a", MOT16_ROWS), ("b", MOT16_ROWS + "1,2,400,20,30,40,1,1,1\n")):
         (tmp_path / "gt" / name / "gt").mkdir(parents=True)
         (tmp_path / "gt" / name / "gt" / "gt.txt").write_text(rows)
@@ -286,8 +273,7 @@ def test_evaluate_pairs_two_folders_by_name_and_pools_them(tmp_path, capsys):
     for name in ("a", "b", "extra"):
         results = MOT16_ROWS.replace(",1,1,1\n", ",1,-1,-1,-1\n")
         (tmp_path / "mine" / "data" / f"{name}.txt").write_text(results)
-    assert run(str(tmp_path / "mine"), str(tmp_path / "gt"), "--boxes", "--json") == 0
-    result = json.loads(capsys.readouterr().out)
+    result = json_of("evaluate", tmp_path / "mine", tmp_path / "gt", "--boxes")
     assert {name: scores["misses"] for name, scores in result["recordings"].items()} == {"a": 0, "b": 1}
     assert (result["truth_rows"], result["misses"], result["mota"]) == (11, 1, pytest.approx(10 / 11))
 

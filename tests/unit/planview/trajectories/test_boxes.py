@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from toy_recordings import table_file
 
 from calib.errors import InputError
 from planview.trajectories.detections import Detections, load_detections
@@ -22,34 +23,28 @@ MOT16_TRUTH = """1,1,10,20,30,40,1,1,0.9
 BOX = "10,20,30,60"
 
 
-def written(tmp_path: Path, text: str) -> Path:
-    path = tmp_path / "table.csv"
-    path.write_bytes(text.encode())
-    return path
-
-
 def file_of(tmp_path: Path, *ends: str) -> Path:
     """A row of person k + 1 in frame 1 for every end of a row."""
-    return written(tmp_path, "".join(f"1,{k + 1},{BOX},{end}\n" for k, end in enumerate(ends)))
+    return table_file(tmp_path, "".join(f"1,{k + 1},{BOX},{end}\n" for k, end in enumerate(ends)))
 
 
 def test_pets_rows_hold_boxes_with_metres(tmp_path: Path) -> None:
-    truth = load_truth(written(tmp_path, "2,5,10,20,30,40,1,1.5,-2.5,0\n1,5,11,20,30,40,1,1.4,-2.5,0\n"))
+    truth = load_truth(table_file(tmp_path, "2,5,10,20,30,40,1,1.5,-2.5,0\n1,5,11,20,30,40,1,1.4,-2.5,0\n"))
     assert truth.frame.tolist() == [0, 1] and truth.box_px[1].tolist() == [10, 20, 30, 40]
     assert (truth.x_m[1], truth.y_m[1]) == (1.5, -2.5)
 
 
 def test_pets_rows_without_metres_have_no_place(tmp_path: Path) -> None:
-    assert np.isnan(load_truth(written(tmp_path, "1,5,11,20,30,40,1\n")).x_m).all()
+    assert np.isnan(load_truth(table_file(tmp_path, "1,5,11,20,30,40,1\n")).x_m).all()
 
 
 def test_pets_rows_of_minus_one_have_no_place(tmp_path: Path) -> None:
-    unknown = load_truth(written(tmp_path, "1,1,10,20,30,40,1,-1,-1,-1\n1,2,50,20,30,40,1,-1,-1,0\n"))
+    unknown = load_truth(table_file(tmp_path, "1,1,10,20,30,40,1,-1,-1,-1\n1,2,50,20,30,40,1,-1,-1,0\n"))
     assert np.isnan(unknown.x_m).tolist() == [True, False]
 
 
 def test_motchallenge_truth_has_visibility_instead_of_metres(tmp_path: Path) -> None:
-    truth = load_truth(written(tmp_path, MOT16_TRUTH))
+    truth = load_truth(table_file(tmp_path, MOT16_TRUTH))
     assert (truth.frame.tolist(), truth.track_id.tolist()) == ([0, 0, 1], [1, 4, 1])
     assert truth.visible.tolist() == [0.9, IGNORED, 0.25] and np.isnan(truth.x_m).all()
 
@@ -58,21 +53,21 @@ UNSURE = "1,1,10,20,30,40,1,2.5,3.5,0\n1,2,50,20,30,40,0,4.5,5.5,0\n"
 
 
 def test_truth_with_confidence_zero_is_left_out(tmp_path: Path) -> None:
-    assert load_truth(written(tmp_path, UNSURE)).track_id.tolist() == [1]
+    assert load_truth(table_file(tmp_path, UNSURE)).track_id.tolist() == [1]
 
 
 def test_results_with_confidence_zero_are_kept(tmp_path: Path) -> None:
-    assert load_tracks(written(tmp_path, UNSURE)).track_id.tolist() == [1, 2]
+    assert load_tracks(table_file(tmp_path, UNSURE)).track_id.tolist() == [1, 2]
 
 
 @pytest.mark.parametrize("columns", ["1,2,0.5,0", "1,2.5,0.5", "0.5,2,0.5", "1,2,-0.5"])
 def test_rows_that_are_not_flag_class_visibility_are_metres(tmp_path: Path, columns: str) -> None:
-    truth = load_truth(written(tmp_path, f"1,1,10,20,30,40,{columns}\n"))
+    truth = load_truth(table_file(tmp_path, f"1,1,10,20,30,40,{columns}\n"))
     assert [truth.x_m[0], truth.y_m[0]] == [float(value) for value in columns.split(",")[1:3]]
 
 
 def test_frames_from_0_are_kept_with_a_note(tmp_path: Path) -> None:
-    path = written(tmp_path, "0,7,10,20,30,60\n1,7,11,20,30,60\n")
+    path = table_file(tmp_path, "0,7,10,20,30,60\n1,7,11,20,30,60\n")
     file, found = load_file(path), load_detections(path)
     assert file.table.frame.tolist() == [0, 1] and "from 0" in file.note
     assert (found.at(0)[0, 0], found.at(1)[0, 0]) == (10, 11) and "frames count from 0" in found.note
@@ -86,13 +81,13 @@ def test_boxes_outside_of_the_image_are_refused() -> None:
 
 
 def test_rows_of_a_detector_may_be_shorter_than_others(tmp_path: Path) -> None:
-    found = load_detections(written(tmp_path, "1 7 10 20 30 60\n2,7,10,20,30,60,0.5\n"))
+    found = load_detections(table_file(tmp_path, "1 7 10 20 30 60\n2,7,10,20,30,60,0.5\n"))
     assert [found.at(frame).tolist() for frame in (0, 1)] == [[[10, 20, 30, 60, 1.0]], [[10, 20, 30, 60, 0.5]]]
 
 
 @pytest.mark.parametrize(("text", "rows"), [("", 0), ("1,7,10,20,30,60,1,0,1.0\n", 1)], ids=["empty", "with classes"])
 def test_results_of_motchallenge_without_metres_have_none(tmp_path: Path, text: str, rows: int) -> None:
-    table = load_tracks(written(tmp_path, text))
+    table = load_tracks(table_file(tmp_path, text))
     assert len(table) == rows and np.isnan(table.x_m).all()
 
 
@@ -135,7 +130,7 @@ def test_classes_of_truth_are_those_that_labels_name(tmp_path: Path) -> None:
 
 
 def test_rows_with_inf_or_nan_are_left_out_and_counted(tmp_path: Path) -> None:
-    path = written(tmp_path, f"1,1,{BOX},1\n1,2,nan,20,30,60,1\n2,1,10,inf,30,60,1\n")
+    path = table_file(tmp_path, f"1,1,{BOX},1\n1,2,nan,20,30,60,1\n2,1,10,inf,30,60,1\n")
     assert len(load_tracks(path)) == len(load_detections(path).at(0)) == 1
     assert load_file(path).note == load_detections(path).note == "2 of 3 rows hold inf or NaN and are left out"
 
@@ -143,7 +138,7 @@ def test_rows_with_inf_or_nan_are_left_out_and_counted(tmp_path: Path) -> None:
 def test_commands_that_read_a_file_print_what_was_left_out_of_it(
     tmp_path: Path, cli: Callable[..., tuple[int, str]]
 ) -> None:
-    path = written(tmp_path, f"1,1,{BOX},1,0.5,2\n2,1,{BOX},1,0.6,2\n3,1,nan,20,30,60,1,0.7,2\n")
+    path = table_file(tmp_path, f"1,1,{BOX},1,0.5,2\n2,1,{BOX},1,0.6,2\n3,1,nan,20,30,60,1,0.7,2\n")
     rules = tmp_path / "rules.toml"
     rules.write_text('[[tripwire]]\nname = "a"\nfrom_m = [0.55, 0]\nto_m = [0.55, 3]\n')
     note = f"{path}: 1 of 3 rows hold inf or NaN and are left out"
@@ -164,18 +159,18 @@ def test_commands_that_read_a_file_print_what_was_left_out_of_it(
     ],
 )
 def test_boxes_are_read_with_a_line_of_names_in_any_order_and_with_decimal_commas(tmp_path: Path, text: str) -> None:
-    table = load_tracks(written(tmp_path, text))
+    table = load_tracks(table_file(tmp_path, text))
     assert table.frame.tolist() == [0] and table.track_id.tolist() == [7]
     assert table.box_px.tolist() == [[10.5, 20.0, 30.0, 60.0]]
 
 
 def test_boxes_without_ids_are_no_tracks(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="found -1 in all: detections, not tracks"):
-        load_tracks(written(tmp_path, f"1,-1,{BOX},1\n1,-1,{BOX},1\n"))
+        load_tracks(table_file(tmp_path, f"1,-1,{BOX},1\n1,-1,{BOX},1\n"))
 
 
 def test_boxes_of_minus_one_are_unknown(tmp_path: Path) -> None:
-    table = load_tracks(written(tmp_path, "1,1,-1,-1,-1,-1,1,1.5,2.02,0\n"))
+    table = load_tracks(table_file(tmp_path, "1,1,-1,-1,-1,-1,1,1.5,2.02,0\n"))
     assert np.isnan(table.box_px).all() and (table.x_m[0], table.y_m[0]) == (1.5, 2.02)
 
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from toy_recordings import table_file
 
 from calib.errors import InputError
 from planview.trajectories.formats import (
@@ -13,20 +14,14 @@ from planview.trajectories.formats import (
 )
 
 
-def written(tmp_path: Path, text: str) -> Path:
-    path = tmp_path / "table.csv"
-    path.write_bytes(text.encode())
-    return path
-
-
 def test_laboratory_rows_become_metres_and_seconds(tmp_path: Path) -> None:
-    tracks = load_tracks(written(tmp_path, "3 32 100 -50 175\n"))
+    tracks = load_tracks(table_file(tmp_path, "3 32 100 -50 175\n"))
     assert (tracks.track_id[0], tracks.frame[0], tracks.timestamp_s[0]) == (3, 32, 2.0)
     assert (tracks.x_m[0], tracks.y_m[0], tracks.height_m[0]) == (1.0, -0.5, 1.75)
 
 
 def test_our_own_truth_is_recognised_by_its_header(tmp_path: Path) -> None:
-    assert load_truth(written(tmp_path, "frame,id,x_m,y_m,height_m\n0,1,2,3,1.8\n")).height_m[0] == 1.8
+    assert load_truth(table_file(tmp_path, "frame,id,x_m,y_m,height_m\n0,1,2,3,1.8\n")).height_m[0] == 1.8
 
 
 def test_petrack_text_in_centimetres_is_read_in_metres(tmp_path):
@@ -49,20 +44,20 @@ def test_petrack_text_in_centimetres_is_read_in_metres(tmp_path):
     ],
 )
 def test_columns_are_those_that_a_line_names_in_any_order_and_unit(tmp_path: Path, text: str) -> None:
-    table = load_tracks(written(tmp_path, text))
+    table = load_tracks(table_file(tmp_path, text))
     assert (table.frame[0], table.track_id[0], table.timestamp_s[0]) == (30, 7, 2.0)
     assert (table.x_m[0], table.y_m[0], table.height_m[0]) == pytest.approx((1.5, 2.5, 1.75))
 
 
 def test_height_without_a_unit_has_that_of_x(tmp_path: Path) -> None:
-    table = load_tracks(written(tmp_path, "# id frame x/cm y/cm z\n7 30 150 250 175\n"))
+    table = load_tracks(table_file(tmp_path, "# id frame x/cm y/cm z\n7 30 150 250 175\n"))
     assert (table.x_m[0], table.height_m[0]) == (1.5, 1.75)
 
 
 @pytest.mark.parametrize("text", ["# id frame x y\n7 30 1.5 2.5\n", "frame,id,x,y\n30,7,1.5,2.5\n"])
 def test_positions_without_a_unit_are_refused(tmp_path: Path, text: str) -> None:
     with pytest.raises(InputError, match=r"expected the unit of x and y in their names or a comment \(x/m or x/cm\)"):
-        load_tracks(written(tmp_path, text))
+        load_tracks(table_file(tmp_path, text))
 
 
 @pytest.mark.parametrize(
@@ -78,7 +73,7 @@ def test_rows_without_names_are_taken_as_paths_that_are_smooth_and_say_so(tmp_pa
     lines = [f"{a} {b} {x / unit:.1f} {y / unit:.1f}\n" for a, b, x, y in rows]
     lines = [" ".join([b, a, *more]) + "\n" for a, b, *more in map(str.split, lines)] if exchanged else lines
     with pytest.warns(UserWarning, match=taken):
-        table = load_tracks(written(tmp_path, "".join(lines)))
+        table = load_tracks(table_file(tmp_path, "".join(lines)))
     assert np.unique(table.track_id).tolist() == [1, 2] and table.x_m[0] == pytest.approx(3.0)
 
 
@@ -96,7 +91,7 @@ VADERE = "#IDXCOL=2,DATACOL=2\npedestrianId simTime endTime-PID1 startX-PID1 sta
     ids=["vadere", "pathfinder", "crowdit", "viswalk"],
 )
 def test_tables_of_simulations_are_read(tmp_path: Path, text: str) -> None:
-    file = load_file(written(tmp_path, text))
+    file = load_file(table_file(tmp_path, text))
     assert file.fps == pytest.approx(2.5) and file.table.frame.tolist() == [0, 1, 1]
     assert (file.table.track_id.tolist(), file.table.x_m.tolist()) == ([1, 1, 2], [1.0, 1.5, 7.0])
 
@@ -105,38 +100,34 @@ def test_tables_of_simulations_are_read(tmp_path: Path, text: str) -> None:
 @pytest.mark.parametrize("names", ["frame id x_m y_m height_m visible", "Frame Ped_ID X[m] Y[m] Height[m] Visibility"])
 def test_tables_of_spreadsheets_are_read_with_all_they_hold(tmp_path: Path, between: str, names: str) -> None:
     text = f"{names}\n3 7 1,5 2,5 1,75 0,5\n".replace(" ", between)
-    table = load_file(written(tmp_path, text), truth=True).table
+    table = load_file(table_file(tmp_path, text), truth=True).table
     row = table.frame, table.track_id, table.x_m, table.y_m, table.height_m, table.visible
     assert [column.tolist() for column in row] == [[3], [7], [1.5], [2.5], [1.75], [0.5]]
 
 
 def test_heights_and_visibility_of_a_table_with_times_for_frames_are_kept(tmp_path: Path) -> None:
-    table = load_file(written(tmp_path, "id,t_s,x,y,z,visible\n1,0,0,0,1.7,1\n1,.1,1,0,1.7,0.5\n")).table
+    table = load_file(table_file(tmp_path, "id,t_s,x,y,z,visible\n1,0,0,0,1.7,1\n1,.1,1,0,1.7,0.5\n")).table
     assert (table.height_m.tolist(), table.visible.tolist()) == ([1.7, 1.7], [1.0, 0.5])
 
 
 def test_times_of_a_clock_begin_at_the_first(tmp_path: Path) -> None:
-    file = load_file(written(tmp_path, "id,time,x,y\n1,1700000000.0,0,0\n1,1700000000.1,1,0\n"))
+    file = load_file(table_file(tmp_path, "id,time,x,y\n1,1700000000.0,0,0\n1,1700000000.1,1,0\n"))
     assert file.table.frame.tolist() == [0, 1] and file.note == "times begin at 1700000000 s: frame 0 is then"
 
 
 def test_footsteps_of_vadere_are_interpolated_to_even_times(tmp_path: Path) -> None:
-    file = load_file(written(tmp_path, VADERE + "1 0.0 0.6 0 0\n1 0.63 1 0.63 0\n1 1.0 1.5 1.0 0\n"))
+    file = load_file(table_file(tmp_path, VADERE + "1 0.0 0.6 0 0\n1 0.63 1 0.63 0\n1 1.0 1.5 1.0 0\n"))
     assert file.fps == 10.0 and "interpolated to 10 frames per second" in file.note
     np.testing.assert_allclose(file.table.x_m, np.arange(11) / 10)
 
 
 @pytest.mark.parametrize(
-    ("name", "times"),
+    "text",
     [
-        ("time", ("2023-10-29T02:59:59.9+02:00", "2023-10-29T02:00:00.0+01:00")),
-        ("timestamp", ("1700000000000", "1700000000100")),
-        ("timestamp_ns", ("0", "100000000")),
-        ("time [us]", ("0", "100000")),
+        "id,time,x,y\n1,2023-10-29T02:59:59.9+02:00,0,0\n1,2023-10-29T02:00:00.0+01:00,1,0\n",
+        "id,timestamp_ns,x,y\n1,0,0,0\n1,100000000,1,0\n",
+        "id,time [us],x,y\n1,0,0,0\n1,100000,1,0\n",
     ],
 )
-def test_rows_by_time_have_their_rate_in_whatever_way_times_are_written(
-    tmp_path: Path, name: str, times: tuple[str, str]
-) -> None:
-    rows = "".join(f"1,{time},{i},0\n" for i, time in enumerate(times))
-    assert load_file(written(tmp_path, f"id,{name},x [m],y [m]\n{rows}")).fps == pytest.approx(10.0, rel=1e-4)
+def test_rows_by_time_have_their_rate_in_whatever_way_times_are_written(tmp_path: Path, text: str) -> None:
+    assert load_file(table_file(tmp_path, text)).fps == pytest.approx(10.0, rel=1e-4)
