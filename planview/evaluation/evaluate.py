@@ -24,7 +24,7 @@ from planview.evaluation.metrics import (
     clear_scores,
     floor_similarity,
 )
-from planview.evaluation.misfit import GOOD, fit, misfit, shift_between
+from planview.evaluation.misfit import misfit
 from planview.evaluation.places import with_places
 from planview.evaluation.result import Evaluation, FacingErrors, TruthRows
 from planview.evaluation.significant import (
@@ -51,8 +51,6 @@ from planview.trajectories.table import (
     rows_by_id,
 )
 
-SHIFTED = 0.85
-"""Share of the error that a shift must get below: with less gain both may count frames alike."""
 HEIGHTS_APART = 1.25
 """Ratio of median heights that no two ways to measure a body have (shoulders are 0.82 of it)."""
 STRANGE = 0.1
@@ -201,7 +199,6 @@ def _score(tracks: Trajectories, truth: Trajectories, params: EvaluationParams, 
         track_frames=len(np.unique(judged.frame)),
         covered_frames=len(np.intersect1d(judged.frame, people.frame)),
         alignment=alignment,
-        shift=_shift(counted, followed, similarity, on_floor),
         unplaced_rows=len(truth) - len(people) + int((tracks.state == "confirmed").sum()) - len(confirmed),
         unjudged_rows=len(confirmed) - len(judged),
         limits=covered.limits,
@@ -217,20 +214,12 @@ def _cause(tracks: Trajectories, truth: Trajectories, params: EvaluationParams, 
     tracks = tracks.where(tracks.state == "confirmed")
     if result.alignment is not None:
         tracks = move_tracks(tracks, result.alignment)
-    is_hidden = truth.visible < params.min_visible
-    hidden = truth.where(is_hidden)
-    if 2 * len(hidden) > len(truth) and fit(hidden, tracks, on_floor) >= GOOD:
-        measured = f"{len(hidden)} of {len(truth)} rows are too hidden to count, and yet most are near a track"
-        return _finding("the truth's column visible does not hold the share that is seen", "correct it", measured)
-    explanation = misfit(truth.where(~is_hidden), tracks, on_floor)
+    explanation = misfit(truth.where(truth.visible >= params.min_visible), tracks, on_floor)
     if explanation is None and max(result.height_ratio, 1.0 / result.height_ratio) > HEIGHTS_APART:
         measured = f"they are {result.height_ratio:.3g} times those of the tracks"
-        return _finding("the truth's heights are of another unit or part of the body", "convert them", measured)
+        heights = "the truth's heights are of another unit or part of the body"
+        return Finding(Hypothesis(heights, "convert them", lambda table: table), measured)
     return explanation
-
-
-def _finding(name: str, remedy: str, measured: str) -> Finding:
-    return Finding(Hypothesis(name, remedy, lambda table: table), measured)
 
 
 def _strangers(sequence: Sequence, clear: ClearScores, tracks: Trajectories, frame_s: float) -> tuple[int, ...]:
@@ -333,29 +322,7 @@ def _score_some_frames(tracks: Trajectories, truth: Trajectories, params: Evalua
         significant=[replace(error, frame=int(annotated[error.frame])) for error in result.significant],
         unjudged_rows=result.unjudged_rows + unjudged,
         limits=(f"it has rows in about every {ordinal(step)} frame only", *result.limits),
-        shift=0,
     )
-
-
-def _shift(truth: Trajectories, tracks: Trajectories, similarity: Similarity, on_floor: bool) -> int:
-    """The shift of the tracks [frames] that most pairs of near rows vote for; 0 unless with it most rows are near a
-    track, and their median error is below SHIFTED of that without it."""
-    shift = shift_between(truth, tracks, on_floor)
-    if not shift:
-        return 0
-    shifted = replace(tracks, frame=tracks.frame + shift)
-    if fit(truth, shifted, on_floor) < GOOD:
-        return 0
-    error = _median_error(truth, tracks, similarity)
-    return shift if _median_error(truth, shifted, similarity) < SHIFTED * error else 0
-
-
-def _median_error(truth: Trajectories, tracks: Trajectories, similarity: Similarity) -> float:
-    """Median of what people lack in similarity to the nearest track; 1 where nobody is near one."""
-    pairs = build_sequence(truth, tracks, similarity)
-    nearest = np.zeros(pairs.truth_rows)
-    np.maximum.at(nearest, pairs.pair_truth, pairs.similarity)
-    return 1.0 - float(np.median(nearest[nearest > 0])) if nearest.any() else 1.0
 
 
 def _prediction_histories(

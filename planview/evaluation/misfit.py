@@ -93,11 +93,6 @@ class Tables:
     truth: Trajectories
     tracks: Reference
 
-    @staticmethod
-    def of(truth: Trajectories, tracks: Trajectories, on_floor: bool) -> Tables:
-        """The rows with what is compared."""
-        return Tables(with_places(truth, on_floor), Reference(with_places(tracks, on_floor), on_floor))
-
     @cached_property
     def places(self) -> Places:
         """Places of the truth."""
@@ -112,13 +107,13 @@ class Tables:
 def misfit(truth: Trajectories, tracks: Trajectories, on_floor: bool) -> Finding | None:
     """The hypothesis under which truth and tracks fit; None where they fit as they are, or where none explains it. Rows
     without what is compared are left out."""
-    whole = Tables.of(truth, tracks, on_floor)
-    truth = whole.truth
-    if min(len(truth), len(whole.tracks.table)) < FEWEST_ROWS:
+    truth = with_places(truth, on_floor)
+    tracks = with_places(tracks, on_floor)
+    if min(len(truth), len(tracks)) < FEWEST_ROWS:
         return None
     # Rows are sorted by frame, so that every n-th of them are all people's alike.
     thin = np.arange(len(truth)) % max(1, len(truth) // VOTERS) == 0
-    tables = replace(whole, truth=truth.where(thin))
+    tables = Tables(truth.where(thin), Reference(tracks, on_floor))
     now = tables.share
     if now >= GOOD:
         return None
@@ -129,18 +124,6 @@ def misfit(truth: Trajectories, tracks: Trajectories, on_floor: bool) -> Finding
 
     tried = hypotheses(tables, truth)
     return best(tables, tried, score, margin=GAIN, alike=ALIKE, least=math.log(LEAST), ceiling=0.0)
-
-
-def fit(truth: Trajectories, tracks: Trajectories, on_floor: bool) -> float:
-    """The share of the truth's rows that are near a track, 0 to 1; 0 where nothing can be compared."""
-    return Tables.of(truth, tracks, on_floor).share
-
-
-def shift_between(truth: Trajectories, tracks: Trajectories, on_floor: bool) -> int:
-    """Frames by which the tracks have to be moved to lie near the truth, by the votes of pairs of rows at one place; 0
-    where there are none."""
-    tables = Tables.of(truth, tracks, on_floor)
-    return -vote_shift(tables.places.spread(VOTERS), tables.tracks.voters)
 
 
 Undo = Callable[[Trajectories], Trajectories]
@@ -183,14 +166,6 @@ def _change_boxes(change: Callable[[F64, F64], tuple[F64, F64]]) -> Undo:
     return undo
 
 
-def _around_heads(first: F64, size: F64) -> tuple[F64, F64]:
-    """Whole people below boxes of heads: seven heads tall, and two fifths of that wide."""
-    height = 7.0 * size[:, 1]
-    width = 0.4 * height
-    left = first[:, 0] + size[:, 0] / 2 - width / 2
-    return np.column_stack([left, first[:, 1]]), np.column_stack([width, height])
-
-
 def _multiply_frames(n: int) -> Hypothesis[Tables]:
     return _about_truth(
         f" has a number for every {ordinal(n)} frame of the tracks only",
@@ -220,10 +195,6 @@ AXES = (
     _about_truth("'s x axis is mirrored", "mirror it back", _lay(-1.0, is_mirrored=True)),
     _about_truth("'s y axis is mirrored", "mirror it back", _lay(1.0, is_mirrored=True)),
     _about_truth("'s axes x and y are exchanged", "exchange them", _lay(1.0j, is_mirrored=True)),
-    _about_truth("'s axes are exchanged and mirrored", "exchange and mirror them", _lay(-1.0j, is_mirrored=True)),
-    _about_truth(" is turned by 180 degrees", "turn it back", _lay(-1.0)),
-    _about_truth(" is turned by 90 degrees", "turn it back", _lay(-1.0j)),
-    _about_truth(" is turned by -90 degrees", "turn it back", _lay(1.0j)),
 )
 UNITS = (
     _about_truth("'s unit is feet", "give metres", _lay(0.3048)),
@@ -235,7 +206,6 @@ FORMS: dict[str, Undo] = {
     "given by their middle": _change_boxes(lambda middle, size: (middle - size / 2, size)),
     "given by the middle of their lower edge": _change_boxes(lambda foot, size: (foot - size * [0.5, 1.0], size)),
     "given by two corners": _change_boxes(lambda first, last: (first, last - first)),
-    "of heads only": _change_boxes(_around_heads),
 }
 BOXES = (
     *(_about_truth(f"'s boxes are {form}", "give left, top and size of people", u) for form, u in FORMS.items()),

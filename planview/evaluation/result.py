@@ -179,7 +179,6 @@ class Evaluation:
         duration_s: time scored [s].
         tracked_people: tracks that count as people (``people_of``), near somebody or not.
         track_frames, covered_frames: frames with confirmed tracks, and those of them in which the truth has rows.
-        shift: frames by which the tracks have to be moved to lie clearly nearer to the truth, else 0.
         height_ratio: median height of matched people of the truth, in heights of their tracks; NaN where unknown.
         cause: what would make a bad score good; None where nothing would.
         alignment: the motion applied to the tracks; None without ``align``.
@@ -204,7 +203,6 @@ class Evaluation:
     track_frames: int
     covered_frames: int
     alignment: FloorAlignment | None
-    shift: int = 0
     height_ratio: float = math.nan
     cause: Finding | None = None
     unjudged_rows: int = 0
@@ -263,10 +261,6 @@ class Evaluation:
     def _misfit(self) -> str:
         if self.cause is not None:
             return str(self.cause)
-        if self.shift:
-            frames = "1 frame" if abs(self.shift) == 1 else f"{abs(self.shift)} frames"
-            sign = "+" if self.shift > 0 else "-"
-            return f"tracks moved by {sign}{frames} fit clearly better: do both number frames from the same start?"
         if 2 * self.covered_frames < self.track_frames:
             return (
                 f"the truth covers {self.covered_frames} of {self.track_frames} frames with tracks: in the others "

@@ -75,14 +75,6 @@ def test_without_truth_of_facing_walkers_are_compared_with_their_way():
     assert evaluate_tracks(walk(), walk()).facing.walkers_deg is None
 
 
-def test_truth_that_counts_frames_from_1_is_noticed():
-    assert evaluate_tracks(walk(x_m=0.01), walk()).shift == 0
-    late = walk()
-    for frames, words in ((1, "+1 frame fit"), (4, "+4 frames fit"), (-3, "-3 frames fit")):
-        result = evaluate_tracks(walk(x_m=0.01), replace(late, frame=late.frame + frames))
-        assert result.shift == frames and f"tracks moved by {words} clearly better" in result.doubts
-
-
 def test_rates_are_over_the_time_scored():
     # 300 frames at 30 fps are 10 s; the id changes at frame 150: one switch, one significant error.
     tracks = replace(walk(300), track_id=np.repeat([1, 2], 150))
