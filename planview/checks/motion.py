@@ -15,6 +15,7 @@ from calib.images import as_grey
 from calib.types import F64, U8, AnyArray, Bool
 from planview.checks.check import Check, limit_check
 from planview.checks.timing import GROUPS, LONGEST_LAG, MAX_LAG, MIN_FRAMES, SURELY, WINDOW, Lag, lag_of
+from planview.evaluation.significant import runs
 from stereo.floor import DepthFrames, PairFrames
 from stereo.recording import Frame, Shot
 from stereo.thumbnails import STEP_PX, Thumbnails
@@ -60,17 +61,11 @@ class Stall(NamedTuple):
     second: bool
 
 
-def runs_of(mask: Bool) -> list[tuple[int, int]]:
-    """First index, and the index after the last, of each run of True."""
-    edges = np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0))
-    return [(int(start), int(end)) for start, end in edges.reshape(-1, 2)]
-
-
 def lone_stalls(steps: PairChanges) -> list[Stall]:
     """Times in which one image stands still while the other one moves."""
     active = np.flatnonzero(steps.is_active)
     stalls = []
-    for start, end in runs_of(is_frozen(steps)[active]):
+    for start, end in runs(is_frozen(steps)[active]):
         last = int(active[end - 1])
         first_stands = bool(steps.first_repeats[last])
         stalls.append(Stall(end - start, int(active[start]), last, first_stands, not first_stands))
@@ -83,7 +78,7 @@ def common_stalls(steps: PairChanges, is_pair: bool) -> list[Stall]:
     if is_pair:
         stands = stands & steps.second_repeats
     stalls = []
-    for start, end in runs_of(stands):
+    for start, end in runs(stands):
         if start > 0 and end < len(stands) and steps.is_active[start - 1] and steps.is_active[end]:
             stalls.append(Stall(end - start, start, end, True, bool(steps.second_repeats[end - 1])))
     return stalls
