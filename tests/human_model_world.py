@@ -81,8 +81,3 @@ def run(
         states.append(tracker.update(world.observe(k, path(k / FPS), hidden, tall)))
         kinds += [d.kind for d in tracker.decisions]
     return tracker, states, kinds
-
-
-def confirmed(states: tuple[TrackState, ...]) -> list[TrackState]:
-    """Those of a frame who are confirmed."""
-    return [s for s in states if s.state == "confirmed"]

@@ -11,6 +11,7 @@ from calib.types import F32, F64, U8
 from planview.maps.view import SURFACE, PixelRays, View
 from planview.tracking.base import Observation
 from planview.tracking.body import FACINGS, LEAN_M, TORSO, BodyTable, body_table
+from planview.trajectories.state import TrackState
 from stereo.depth import RectifiedGeometry
 
 GEOMETRY = RectifiedGeometry(160, 120, 130.0, 130.0, 79.5, 59.5, 0.12)
@@ -77,3 +78,8 @@ def towards(rays: PixelRays) -> F64:
 def observed(frame: int, timestamp_s: float, *views: View) -> Observation:
     """An observation of what cameras saw."""
     return Observation(frame, timestamp_s, views=views)
+
+
+def confirmed(states: Sequence[TrackState]) -> list[TrackState]:
+    """Those of a frame who are confirmed."""
+    return [state for state in states if state.state == "confirmed"]

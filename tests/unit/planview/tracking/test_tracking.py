@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from toy_people import confirmed
 
 from calib.errors import InputError
 from calib.types import F64
@@ -120,10 +121,6 @@ def track(frames: list[list[list[float]]]) -> list[tuple[TrackState, ...]]:
     return [tracker.update(Observation(i, i / FPS)) for i in range(len(frames))]
 
 
-def confirmed(states: tuple[TrackState, ...]) -> list[TrackState]:
-    return [state for state in states if state.state == "confirmed"]
-
-
 def test_boxes_of_a_walker_are_one_person_at_its_place_and_height() -> None:
     rows = [confirmed(states) for states in track([[box(-1.5 + 0.1 * i, 6.0)] for i in range(30)])]
     assert len(rows[-1]) == 1 and {state.track_id for row in rows for state in row} == {1}
@@ -141,10 +138,13 @@ def test_people_who_cross_keep_their_ids() -> None:
     assert early.keys() == late.keys() == {1, 2} and all(abs(early[i] - late[i]) < 0.4 for i in early)
 
 
-def test_false_boxes_that_come_once_are_nobody_and_two_on_one_person_are_one() -> None:
+def test_false_boxes_that_come_once_are_nobody() -> None:
     rng = np.random.default_rng(0)
     frames = [[box(rng.uniform(-2, 2), rng.uniform(4, 9))] if i % 4 == 0 else [] for i in range(40)]
     assert not any(confirmed(states) for states in track(frames))
+
+
+def test_two_boxes_on_one_person_are_one() -> None:
     left, *rest = box(0.0, 6.0)
     assert len(track([[[left, *rest], [left + 1.5, *rest]]] * 20)[-1]) == 1
 
@@ -160,10 +160,13 @@ def test_a_person_hidden_behind_another_is_kept() -> None:
     assert {s.track_id for s in states[-1]} == {1, 2}
 
 
-def test_low_scores_are_not_believed_and_arrays_of_another_shape_refused():
+def test_low_scores_confirm_nobody():
     sure = [[box(0.0, 6.0, score=0.9)] for _ in range(8)] + [[box(0.0, 6.0, score=0.2)]]
     doubted = [[box(0.0, 6.0, score=0.05)] for _ in range(8)] + [[box(0.0, 6.0, score=0.9)]]
     assert confirmed(track(sure)[-2]) and not confirmed(track(doubted)[-2])
+
+
+def test_boxes_of_another_shape_are_refused():
     with pytest.raises(InputError, match="frame 1"):
         Detections.of([np.zeros((0, 4)), np.zeros((2, 3))])
 

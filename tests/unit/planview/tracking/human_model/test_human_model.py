@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from toy_people import confirmed
 
 from calib.errors import InputError
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
@@ -16,7 +17,7 @@ from planview.tracking.explain.samples import PARTS
 from planview.tracking.human_model import HumanModelParams, HumanModelTracker
 from planview.tracking.human_model.explanation import MaskExplanation, likelihood_of_masks, silhouette
 from planview.tracking.human_model.walker import FloorPlaces, ModelMatch, find_newcomers, match_hulls
-from tests.human_model_world import BLUE, CAMERA, FPS, MAP, PARAMS, RED, Drawn, World, confirmed, run
+from tests.human_model_world import BLUE, CAMERA, FPS, MAP, PARAMS, RED, Drawn, World, run
 from tests.reference.explain import log_likelihood_of_mask
 
 
