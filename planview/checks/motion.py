@@ -14,7 +14,7 @@ from calib.carried import Carried
 from calib.images import as_grey
 from calib.types import F64, U8, AnyArray, Bool
 from planview.checks.check import Check, limit_check
-from planview.checks.timing import GROUPS, LONGEST_LAG, MAX_LAG, MIN_FRAMES, SURELY, WINDOW, Lag, lag_of
+from planview.checks.timing import GROUPS, LONGEST_LAG, SURELY, WINDOW, Lag, lag_of
 from planview.evaluation.significant import runs
 from stereo.floor import DepthFrames, PairFrames
 from stereo.recording import Frame, Shot
@@ -163,7 +163,7 @@ class MotionWatch(Carried):
             limit_check("repeated pairs", self.repeated, "", copies, most=MAX_REPEATED),
         ]
         if self._is_pair:
-            checks.append(self._lag(steps).check("synchronisation", second))
+            checks.append(self._lag().check("synchronisation", second))
         return checks
 
     @property
@@ -190,10 +190,9 @@ class MotionWatch(Carried):
         time_s, moved_share, *flags = self._rows[: self._count].T
         return PairChanges(time_s, moved_share, *(np.asarray(flag > 0) for flag in flags))
 
-    def _lag(self, steps: PairChanges) -> Lag:
-        """The lag over all the time, or over its first half or its end where that leaves less doubt; one without doubt
-        where pictures that were written twice leave the cameras as far apart."""
-        if not steps.is_active.any() or not self._bands:
+    def _lag(self) -> Lag:
+        """The lag over all the time, or over its first half or its end where that leaves less doubt."""
+        if not self._bands:
             return Lag()
         left, right = np.stack(self._bands, axis=1)
         count = len(left)
@@ -207,11 +206,6 @@ class MotionWatch(Carried):
                 part_lag = lag_of(left[part], right[part])
                 if part_lag.gain >= SURELY and not lag.gain >= part_lag.gain:
                     lag = part_lag
-        behind, since = pictures_behind(steps)
-        if not lag.apart and behind and MIN_FRAMES <= since < count:
-            lag_since = lag_of(left[-since:], right[-since:])
-            if abs(lag_since.frames - behind) < MAX_LAG:
-                return lag_since._replace(gain=math.inf)
         return lag
 
 
@@ -229,19 +223,6 @@ def movement_in_bands(moved: Bool) -> F64:
     """(BANDS,) root of the share of pixels that moved in each band, so that near walkers do not drown far ones."""
     rows = len(moved) // BANDS * BANDS
     return np.asarray(np.sqrt(moved[:rows].reshape(BANDS, -1).mean(axis=1)))
-
-
-def pictures_behind(steps: PairChanges) -> tuple[int, int]:
-    """Pictures that were written twice and leave the right camera behind the left one, and the number of steps with
-    movement, or soon after it, from the last of them on."""
-    frozen = is_frozen(steps)
-    if not frozen.any():
-        return 0, len(frozen)
-    behind = np.count_nonzero(frozen & steps.second_repeats) - np.count_nonzero(frozen & steps.first_repeats)
-    last = int(np.flatnonzero(frozen)[-1])
-    index = np.arange(last, len(frozen))
-    last_active = np.maximum.accumulate(np.where(steps.is_active[last:], index, last))
-    return int(behind), int(np.count_nonzero(index - last_active <= LONGEST_LAG))
 
 
 def _who_stands(stall: Stall, first: str, second: str) -> str:
