@@ -1,10 +1,11 @@
-"""Commands run in this process, and what they print (fixtures ``cli``, ``refused`` and ``json_of``)."""
+"""Commands run in this process, and what they print (fixtures ``cli``, ``refused``, ``shown_by`` and ``json_of``)."""
 
 from collections.abc import Callable
 from typing import Any
 
 Cli = Callable[..., tuple[int, str]]
 Refused = Callable[..., str]
+ShownBy = Callable[..., str]
 JsonOf = Callable[..., dict[str, Any]]
 
 

@@ -3,10 +3,9 @@
 import json
 import os
 from pathlib import Path
-from typing import Any
 
 import pytest
-from cli import Cli, JsonOf, Refused, one_sentence
+from cli import Cli, JsonOf, Refused, ShownBy, one_sentence
 
 # As in planview.cli: threads of small matrices wait for each other, most of all in tests side by side.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -54,18 +53,24 @@ def refused(cli: Cli) -> Refused:
 
 
 @pytest.fixture
-def json_of(capsys: pytest.CaptureFixture[str]) -> JsonOf:
-    """Run a command with --json: the object that it prints."""
+def shown_by(capsys: pytest.CaptureFixture[str]) -> ShownBy:
+    """Run a command: what it prints on stdout."""
 
-    def command(*argv: object) -> dict[str, Any]:
+    def command(*argv: object) -> str:
         from planview.cli import main
 
         with pytest.raises(SystemExit) as left:
-            main([*map(str, argv), "--json"])
+            main([*map(str, argv)])
         assert not left.value.code
-        return dict(json.loads(capsys.readouterr().out))
+        return capsys.readouterr().out
 
     return command
+
+
+@pytest.fixture
+def json_of(shown_by: ShownBy) -> JsonOf:
+    """Run a command with --json: the object that it prints."""
+    return lambda *argv: dict(json.loads(shown_by(*argv, "--json")))
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -1,6 +1,5 @@
 """The demo clip: ``planview demo`` and ``view``, at half its rate, and checks that it passes."""
 
-import json
 import re
 import shutil
 import sys
@@ -26,16 +25,14 @@ from stereo.readers import open_recording
 from stereo.recording import Frame, Recording, Shot, StereoPair
 
 
-def test_demo_tracks_its_clip_and_prints_the_metrics(recording, tmp_path, monkeypatch, capsys):
+def test_demo_tracks_its_clip_and_prints_the_metrics(recording, tmp_path, monkeypatch, json_of):
     clip, out = tmp_path / "clip", tmp_path / "out"
     shutil.copytree(recording, clip)
     cards = [(i, walking(i - EMPTY)[0]) for i in range(EMPTY, FRAMES)]
     truth = "".join(f"{i},1,{card.x_m:.3f},{card.y_m:.3f},1.75\n" for i, card in cards)
     (clip / "truth.csv").write_text("frame,id,x_m,y_m,height_m\n" + truth)
     monkeypatch.setattr("planview.commands.run.DEMO", clip)
-    with pytest.raises(SystemExit):
-        main(["demo", "--out", str(out), "--json"])
-    metrics = json.loads(capsys.readouterr().out)
+    metrics = json_of("demo", "--out", out)
     assert metrics["significant_errors"]["total"] == 0 and metrics["position_error_mean_m"] < 0.15
     assert {"tracks.csv", "run.json", "run.rrd", "report.html", "decisions.csv"} <= {f.name for f in out.iterdir()}
 

@@ -4,10 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli import Cli, JsonOf, Refused
+from cli import Cli, JsonOf, Refused, ShownBy
 
 from planview.api.tracks import export
-from planview.cli import main
 from planview.output.render import scene_of
 from planview.trajectories.formats import load_file
 from planview.trajectories.table import positions_table, write_table
@@ -76,10 +75,8 @@ def test_evaluate_reads_exports_as_tracks_and_as_truth(to: str, cli: Cli, tracks
     assert json_of("evaluate", tracks, out)["mota"] == 1.0 and json_of("evaluate", out, out)["idf1"] == 1.0
 
 
-def test_json_lines_go_to_standard_output(tracks: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit, match="0"):
-        main(["export", str(tracks), "--to", "jsonl", "--out", "-"])
-    assert len(capsys.readouterr().out.splitlines()) == FRAMES
+def test_json_lines_go_to_standard_output(tracks: Path, shown_by: ShownBy) -> None:
+    assert len(shown_by("export", tracks, "--to", "jsonl", "--out", "-").splitlines()) == FRAMES
 
 
 def test_export_does_not_overwrite_unless_asked_and_never_its_input(cli: Cli, refused: Refused, tracks: Path) -> None:

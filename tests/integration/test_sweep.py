@@ -1,7 +1,6 @@
 """``planview sweep``: studies over recordings, configurations and seeds."""
 
 import csv
-import json
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +11,6 @@ from distributed import Client, LocalCluster
 from toy_run import EMPTY, FEW, FRAMES
 from toy_stereo import walking
 
-from planview.cli import main
 from planview.engine.engine import Engine
 from planview.output.run import run
 from planview.output.run_spec import RunSpec
@@ -117,20 +115,16 @@ def test_bad_recordings_are_reported_at_the_end_and_the_others_are_done(cli, hal
     assert "2 of 6 runs failed" in cli("sweep", path)[1]
 
 
-def test_sweep_prints_the_figures_of_each_configuration(cli, halls, capsys):
+def test_sweep_prints_the_figures_of_each_configuration(halls, shown_by):
     path = study(halls, 'recordings = ["a/maps.h5"]\n[parameters]\njoint.stay_s = [0.5]\n')
-    with pytest.raises(SystemExit):
-        main(["sweep", str(path)])
-    lines = capsys.readouterr().out.splitlines()
+    lines = shown_by("sweep", path).splitlines()
     assert lines[0] == "joint.stay_s=0.5"
     assert lines[1].startswith("   runs 1, mota ")
 
 
-def test_json_has_every_run_with_its_figures(cli, halls, capsys):
+def test_json_has_every_run_with_its_figures(halls, json_of):
     path = study(halls, 'recordings = ["a/maps.h5"]\n')
-    with pytest.raises(SystemExit):
-        main(["sweep", str(path), "--json"])
-    found = json.loads(capsys.readouterr().out)
+    found = json_of("sweep", path)
     (only,) = found["runs"]
     assert found["failed"] == 0 and only["error"] is None
     assert only["mota"] == pytest.approx(float(rows(halls / "study")[0]["mota"]), rel=1e-5)

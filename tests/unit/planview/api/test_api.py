@@ -12,7 +12,7 @@ from toy_recordings import write_frames
 import planview
 from calib.errors import InputError
 from planview.api.arguments import frame_span, settings
-from planview.cli import CALIBRATE, COMMANDS, main, make_app
+from planview.cli import CALIBRATE, COMMANDS, make_app
 
 NAMES = [name for group in COMMANDS.values() for name in group if name != "demo"]
 
@@ -66,25 +66,19 @@ def test_two_videos_without_calibration_say_how_to_get_one(tmp_path: Path, refus
     assert all(way in sentence for way in ways)
 
 
-def test_parameters_in_a_pipe_are_a_line_each_and_have_their_units(capsys, json_of) -> None:
-    with pytest.raises(SystemExit, match="0"):
-        main(["params", "maps"])
-    rows = [line.split("\t") for line in capsys.readouterr().out.splitlines()]
+def test_parameters_in_a_pipe_are_a_line_each_and_have_their_units(shown_by, json_of) -> None:
+    rows = [line.split("\t") for line in shown_by("params", "maps").splitlines()]
     assert {len(row) for row in rows} == {4} and ["maps.cell_m", "0.04", "m"] in [row[:3] for row in rows]
     assert json_of("params", "maps.cell_m")["maps.cell_m"]["unit"] == "m"
     assert planview.params("maps.cell_m")[0].default == "0.04"
 
 
-def test_evaluation_prints_what_papers_print_and_no_figure_twice(tmp_path: Path, capsys) -> None:
+def test_evaluation_prints_what_papers_print_and_no_figure_twice(tmp_path: Path, shown_by) -> None:
     rows = "".join(f"{t},{t / 10},1,1.0,{t / 10:.1f},1.7,confirmed\n" for t in range(40))
     (tmp_path / "tracks.csv").write_text("frame,timestamp_s,id,x_m,y_m,height_m,state\n" + rows)
     truth = tmp_path / "truth.csv"
     truth.write_text("frame,id,x_m,y_m,height_m\n" + "".join(f"{t},7,1.0,{t / 10:.1f},1.7\n" for t in range(40)))
-    printed = []
-    for words in ([], ["--all"]):
-        with pytest.raises(SystemExit, match="0"):
-            main(["evaluate", str(tmp_path), str(truth), *words])
-        printed.append(capsys.readouterr().out)
+    printed = [shown_by("evaluate", tmp_path, truth, *words) for words in ([], ["--all"])]
     assert all(text.count(name) == 1 for text in printed for name in ("MOTA", "IDF1", "positions missed"))
     assert not any("MOTP" in text for text in printed)  # the position error above the table
     assert "group" not in printed[0] and "group" in printed[1]

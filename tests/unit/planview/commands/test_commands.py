@@ -24,7 +24,6 @@ from planview.api.sweep import sweep
 from planview.api.view import view
 from planview.calibration.board import parse_board, parse_square
 from planview.calibration.floor import parse_points
-from planview.cli import main
 from planview.commands.check import check
 from planview.commands.options import typed
 from planview.counting.events import read_events
@@ -137,16 +136,14 @@ def test_count_prints_the_agreed_keys_and_writes_its_files(folder, json_of):
     assert printed == {("door", "crossing", "left_to_right"), ("room", "entry", "")}
 
 
-def test_count_scores_against_true_positions(folder, json_of, capsys):
+def test_count_scores_against_true_positions(folder, json_of, shown_by):
     rows = [f"{t},7,1.0,{max(1 - t / 10, -1):.3f},1.7" for t in range(41)]
     (folder / "truth.csv").write_text("frame,id,x_m,y_m,height_m\n" + "\n".join(rows) + "\n")
     words = ("count", folder, "--rules", folder / "rules.toml", "--truth", folder / "truth.csv")
     scores = json_of(*words)["scores"]["rules"]
     assert (scores["door"]["matched"], scores["door"]["strict_accuracy"]) == (1, 1.0)
     assert {g["people"]: g["right_percent"] for g in scores["room"]["groups"] if g["frames"]} == {"0": 100, "1-2": 100}
-    with pytest.raises(SystemExit, match="0"):
-        main([*map(str, words)])
-    assert "1-2 people: 100.0 % right" in " ".join(capsys.readouterr().out.split())
+    assert "1-2 people: 100.0 % right" in " ".join(shown_by(*words).split())
 
 
 def test_count_scores_against_true_events(folder, json_of):
@@ -383,26 +380,21 @@ def test_messages_below_the_commands_name_no_option_and_no_command(room):
     assert not found
 
 
-def printed_by(capsys, *words: object) -> str:
-    with pytest.raises(SystemExit, match="0"):
-        main([str(word) for word in words])
-    return capsys.readouterr().out
+def test_parameters_are_listed_by_part_of_a_name(shown_by) -> None:
+    assert shown_by("params", "maps.cell").startswith("maps.cell_m = 0.04 (from 0.005 to 0.5)\nSide of a cell")
+    assert "maps.cell_m" in shown_by("params", "map*cell*")
+    assert "joint." in shown_by("params")
+    assert "gate_m = 0.5" in shown_by("params", "--all", "EvaluationParams.gate_m")
 
 
-def test_parameters_are_listed_by_part_of_a_name_and_one_alone_with_its_reason(capsys, refused) -> None:
-    assert printed_by(capsys, "params", "maps.cell").startswith(
-        "maps.cell_m = 0.04 (from 0.005 to 0.5)\nSide of a cell"
-    )
-    assert "maps.cell_m" in printed_by(capsys, "params", "map*cell*")
-    assert "joint." in printed_by(capsys, "params")
-    assert "gate_m = 0.5" in printed_by(capsys, "params", "--all", "EvaluationParams.gate_m")
+def test_part_of_no_name_is_refused(refused) -> None:
     assert "'no_such_word'" in refused("params", "no_such_word")
 
 
-def test_printed_configuration_is_the_file_that_config_takes(tmp_path, capsys) -> None:
+def test_printed_configuration_is_the_file_that_config_takes(tmp_path, shown_by) -> None:
     settings = ["maps.cell_m=0.05", "seed=3"]
     words = ["--print-config", "--set", settings[0], "--set", settings[1]]
-    (tmp_path / "c.toml").write_text(printed_by(capsys, "run", tmp_path, *words))
+    (tmp_path / "c.toml").write_text(shown_by("run", tmp_path, *words))
     assert load_config(tmp_path / "c.toml") == load_config(None, settings)
 
 

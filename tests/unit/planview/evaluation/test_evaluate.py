@@ -9,7 +9,6 @@ import pytest
 
 from calib.errors import InputError, WorkError
 from planview.api.scores import evaluate
-from planview.cli import main
 from planview.evaluation.align import FloorAlignment, align_tracks, move_tracks
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import KINDS
@@ -246,12 +245,11 @@ def test_truth_of_other_frames_is_refused_naming_both_files(files, refused):
     assert printed.endswith(f"of {files[0]}, found 500 to 501")
 
 
-def test_evaluate_lists_each_significant_error(files, capsys):
+def test_evaluate_lists_each_significant_error(files, shown_by):
     text = files[1].read_text() + "".join(f"{t},5,3,3,1.6,1\n" for t in range(20, 90))
     files[1].write_text(text)
-    with pytest.raises(SystemExit, match="0"):
-        main(["evaluate", *map(str, files), "--frames", "0:89", "--gate", "0.3"])
-    assert "frame 20: missed: person 5" in capsys.readouterr().out
+    shown = shown_by("evaluate", *files, "--frames", "0:89", "--gate", "0.3")
+    assert "frame 20: missed: person 5" in shown
 
 
 MOT16_ROWS = "".join(f"{t},1,{10 * t},20,30,40,1,1,1\n" for t in range(1, 6))

@@ -17,7 +17,6 @@ import pytest
 import planview.tracking
 from calib.errors import InputError
 from planview.api.view import view
-from planview.cli import main
 from planview.counting.events import Event
 from planview.drawing.people import ARROW_M, AXIS_M
 from planview.drawing.style import as_bgr
@@ -92,11 +91,9 @@ def test_a_run_with_parts_that_its_folder_does_not_keep_is_not_replayed(ellipses
     assert f"your own {part} Mine" in refused("replay", ellipses, "--frame", 25)
 
 
-def test_command_draws_both_and_prints_what_differs(ellipses, tmp_path, capsys):
-    words = ["--frame", "25", "--set", "single_camera.foreground.gaussians=2", "--out", str(tmp_path / "both.png")]
-    with pytest.raises(SystemExit, match="0"):
-        main(["replay", str(ellipses), *words])
-    assert "tracks" in capsys.readouterr().out
+def test_command_draws_both_and_prints_what_differs(ellipses, tmp_path, shown_by):
+    words = ["--frame", "25", "--set", "single_camera.foreground.gaussians=2", "--out", tmp_path / "both.png"]
+    assert "tracks" in shown_by("replay", ellipses, *words)
     picture = cv2.imread(str(tmp_path / "both.png"))
     assert picture.shape[0] > 2 * 480
 
@@ -115,48 +112,45 @@ def test_decisions_that_are_damaged_are_refused(ellipses, refused, damaged):
     assert "decisions.csv: expected" in refused("replay", ellipses, "--frame", 25)
 
 
-def render(*words: object) -> None:
-    with pytest.raises(SystemExit, match="0"):
-        main(["render", *map(str, words)])
-
-
-def test_the_usual_video_plays_in_browsers_and_has_a_picture_per_frame_at_the_rate_of_the_run(street, tmp_path):
-    render(street, "--out", tmp_path / "new" / "scene.mp4", "--frames", "5:14")
+def test_the_usual_video_plays_in_browsers_and_has_a_picture_per_frame_at_the_rate_of_the_run(
+    street, tmp_path, shown_by
+):
+    shown_by("render", street, "--out", tmp_path / "new" / "scene.mp4", "--frames", "5:14")
     capture = cv2.VideoCapture(str(tmp_path / "new" / "scene.mp4"))
     assert int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little") == b"VP90"  # which browsers play
     assert capture.get(cv2.CAP_PROP_FRAME_COUNT) == 10
     assert capture.get(cv2.CAP_PROP_FPS) == pytest.approx(10)
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["scene.mp4"]
-    render(street, "--frames", "5:7")
+    shown_by("render", street, "--frames", "5:7")
     assert (street / "scene.webm").is_file()
 
 
-def test_without_a_floor_there_is_no_plan_of_it(street, tmp_path):
+def test_without_a_floor_there_is_no_plan_of_it(street, tmp_path, shown_by):
     info = json.loads((street / "run.json").read_text())
     (street / "run.json").write_text(json.dumps({**info, "rig": None, "floor": None}))
     rows = "".join(f"{n},{n / 10:.4f},4,,,,confirmed,20,10,20,60\n" for n in range(30))
     header = "frame,timestamp_s,id,x_m,y_m,height_m,state,left_px,top_px,width_px,height_px\n"
     (street / "tracks.csv").write_text(header + rows)
-    render(street, "--frame", "4", "--out", tmp_path / "still.png", "--no-truth")
+    shown_by("render", street, "--frame", "4", "--out", tmp_path / "still.png", "--no-truth")
     picture = cv2.imread(str(tmp_path / "still.png"))
     assert picture.shape[1] == 640
     page = write_report(street).read_text()
     assert "Boxes: people" in page and "metres" not in page
 
 
-def test_still_shows_the_image_and_the_floor(street, tmp_path):
-    render(street, "--frame", "4", "--out", tmp_path / "still.png", "--no-truth")
+def test_still_shows_the_image_and_the_floor(street, tmp_path, shown_by):
+    shown_by("render", street, "--frame", "4", "--out", tmp_path / "still.png", "--no-truth")
     picture = cv2.imread(str(tmp_path / "still.png"))
     assert picture.shape[1] == 640 + 360
     people = (picture == as_bgr(person_rgb(4))).all(axis=2)
     assert people[:, :640].any() and people[:, 640:].any() and int(np.median(picture[40:, :200])) == 104
 
 
-def test_floor_alone_is_drawn_when_the_recording_is_gone(street, tmp_path, capsys):
+def test_floor_alone_is_drawn_when_the_recording_is_gone(street, tmp_path, cli):
     info = json.loads((street / "run.json").read_text())
     (street / "run.json").write_text(json.dumps({**info, "input": "gone", "recording": ""}))
-    render(street, "--frame", "4", "--out", tmp_path / "still.png")
-    assert "no images, only the floor" in capsys.readouterr().err
+    status, printed = cli("render", street, "--frame", "4", "--out", tmp_path / "still.png")
+    assert status == 0 and "no images, only the floor" in printed
     assert cv2.imread(str(tmp_path / "still.png")) is not None
 
 

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cli import ShownBy
 from matplotlib.figure import Figure
 
 from calib.errors import InputError
-from planview.cli import main
 from planview.output.plot import NamedTracks, figure_of
 from planview.trajectories.clock import Clock
 from planview.trajectories.plot import (
@@ -127,9 +127,10 @@ def test_runs_in_metres_are_not_plotted_with_runs_in_pixels() -> None:
 
 
 @pytest.mark.parametrize(("name", "begins"), [("p.png", b"\x89PNG"), ("p.svg", b"<?xml")])
-def test_command_writes_a_picture_of_the_kind_that_its_name_asks_for(tmp_path: Path, name: str, begins: bytes) -> None:
+def test_command_writes_a_picture_of_the_kind_that_its_name_asks_for(
+    tmp_path: Path, shown_by: ShownBy, name: str, begins: bytes
+) -> None:
     with (tmp_path / "tracks.csv").open("w") as file:
         write_table(file, walkers())
-    with pytest.raises(SystemExit, match="0"):
-        main(["plot", str(tmp_path), "--out", str(tmp_path / name)])
+    shown_by("plot", tmp_path, "--out", tmp_path / name)
     assert (tmp_path / name).read_bytes().startswith(begins)

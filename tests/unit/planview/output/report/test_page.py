@@ -10,10 +10,10 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
+from cli import ShownBy
 
 from calib.errors import InputError, WorkError
 from calib.types import U8
-from planview.cli import main
 from planview.engine.config import Config
 from planview.engine.info import CameraInfo, FloorInfo
 from planview.evaluation.significant import SignificantError
@@ -66,15 +66,16 @@ def test_report_of_boxes_alone_shows_paths_in_the_image_without_a_density(tmp_pa
     assert "<h2>Paths</h2>" in page and "<h2>Density</h2>" not in page
 
 
-def test_report_of_a_full_run_shows_everything(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_report_of_a_full_run_shows_everything(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shown_by: ShownBy
+) -> None:
     write_tracks(tmp_path)
     write_run_info(full_info(), tmp_path / "run.json")
     (tmp_path / "rules.toml").write_text(
         '[[tripwire]]\nname = "<b>door"\nfrom_m = [0, 0]\nto_m = [5, 0]\n'
         '[[zone]]\nname = "room"\npolygon_m = [[0, 0], [5, 0], [5, -5]]\n[[queue]]\nname = "q"\nzone = "room"\n'
     )
-    with pytest.raises(SystemExit, match="0"):
-        main(["count", str(tmp_path), "--rules", str(tmp_path / "rules.toml")])
+    shown_by("count", tmp_path, "--rules", tmp_path / "rules.toml")
     error = SignificantError("lost", 12, 3, None, 2.0, "alone for <2 s")
     scores = {"mota": 0.9, "motp_m": None, "significant_errors": {"total": 1}}
     evaluation = SimpleNamespace(significant=(error,), to_json=lambda: scores)
@@ -214,25 +215,23 @@ def test_recording_that_is_gone_gives_a_sentence_instead_of_pictures(street: Pat
     assert "gone: expected the recording of the run, found nothing there" in pictures.why_none
 
 
-def test_report_of_one_run_is_written_into_its_folder_and_of_none_refused(street, capsys):
-    with pytest.raises(SystemExit, match="0"):
-        main(["report", str(street)])
+def test_report_of_one_run_is_written_into_its_folder(street, shown_by):
+    shown_by("report", street)
     assert "Busiest frame" in (street / "report.html").read_text()
-    with pytest.raises(SystemExit, match="2"):
-        main(["report"])
-    assert "the folder of a run" in capsys.readouterr().err
 
 
-def test_report_of_two_runs_prints_the_settings_that_differ(street: Path, tmp_path: Path, capsys) -> None:
+def test_report_of_no_run_is_refused(refused):
+    assert "the folder of a run" in refused("report")
+
+
+def test_report_of_two_runs_prints_the_settings_that_differ(street: Path, tmp_path: Path, shown_by: ShownBy) -> None:
     other = tmp_path / "other"
     shutil.copytree(street, other)
     info = json.loads((street / "run.json").read_text())
     info["config"]["joint"]["stay_s"] = 0.7
     (street / "run.json").write_text(json.dumps(info))
-    with pytest.raises(SystemExit, match="0"):
-        main(["report", str(street), str(other)])
+    names = [line.split()[0] for line in shown_by("report", street, other).splitlines()]
     assert (street / "report.html").is_file() and (other / "report.html").is_file()
-    names = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
     assert names[0] == "setting" and names[1:] == ["joint.stay_s"]
 
 
