@@ -249,14 +249,13 @@ def _refine(motion: RigAlignment, first: Paths, second: Paths, meet_m: float, di
     def residual_m(values: F64, first_px: float = disparity_px, second_px: float = disparity_px) -> F64:
         return np.concatenate([meeting.residual(values, (first_px, second_px), pivot) for meeting in meetings])
 
-    def scaled_residual(values: F64) -> F64:
-        return residual_m(values) / NOISE_M
-
     from scipy.optimize import least_squares  # half a second
 
     start = np.array([motion.heading_rad, *motion.apply(pivot), motion.clock_s])
     scale = [0.05, 0.1, 0.1, 0.1]
-    result = least_squares(scaled_residual, start, loss="soft_l1", x_scale=scale, diff_step=1e-4)
+    result = least_squares(
+        lambda values: residual_m(values) / NOISE_M, start, loss="soft_l1", x_scale=scale, diff_step=1e-4
+    )
     left = residual_m(result.x)
     # (4, 4) of the values: of correlated noise, and of systematic errors of one deviation each (N, 2) that are
     # not solved for (consider covariance).

@@ -65,12 +65,18 @@ def table_of(results: Sequence[JobResult]) -> DataFrame:
 
     rows = []
     for result in results:
-        row: dict[str, Any] = {"recording": result.recording}
-        row |= result.configuration.values
-        row |= {"seed": result.seed, "state": "failed" if result.error else "done"}
-        row |= {name: result.figures.get(name, math.nan) for name in FIGURES}
-        row |= {"folder": str(result.folder or ""), "error": result.error}
-        rows.append(row)
+        rows.append(
+            {
+                "recording": result.recording,
+                **result.configuration.values,
+                "seed": result.seed,
+                "state": "failed" if result.error else "done",
+                **dict.fromkeys(FIGURES, math.nan),
+                **result.figures,
+                "folder": str(result.folder or ""),
+                "error": result.error,
+            }
+        )
     return DataFrame(rows)
 
 

@@ -24,7 +24,7 @@ from planview.output.resume import code_version, content_key, key_of
 from planview.output.run import run
 from planview.output.run_folder import read_object
 from planview.output.run_spec import RunSpec
-from planview.progress import Progress, unseen
+from planview.progress import Progress
 from planview.studies.results import JobResult, run_figures, summary_csv
 from planview.studies.study import Configuration, RecordingEntry, Study
 from planview.studies.workers import Done, on_workers
@@ -110,12 +110,12 @@ def plan_jobs(study: Study, names: Sequence[str], out: Path) -> list[Job | JobRe
 def identify(name: str, entry: RecordingEntry) -> StudyInput | InputError:
     """Find the key and the truth of a recording, or why it cannot be used."""
     path = entry.path
-    files = [file for file in (entry.calibration, entry.camera) if file is not None]
+    files = [*filter(None, (entry.calibration, entry.camera))]
     try:
         files += FILES.get(find_reader(path, IMAGE_SOURCES).key, files_of_images)(path)
         key = key_of(entry.fps, *map(content_key, files))
         truth = entry.truth or truth_file(path if path.is_dir() else path.parent)
-        return StudyInput(name, entry, key, base_config(entry.path), truth, content_key(truth) if truth else "")
+        return StudyInput(name, entry, key, base_config(path), truth, content_key(truth) if truth else "")
     except InputError as error:
         return error
 
@@ -128,8 +128,7 @@ def files_of_images(path: Path) -> list[Path]:
 def files_of_sensors(path: Path) -> list[Path]:
     """rigs.toml, and the folders of the sensors."""
     file = rigs_file(path)
-    folders = [file.parent / rig.folder for rig in load_rigs(file)]
-    return [file, *folders]
+    return [file, *(file.parent / rig.folder for rig in load_rigs(file))]
 
 
 FILES: dict[str, Callable[[Path], list[Path]]] = {"sensors": files_of_sensors, "maps": lambda path: [path]}
@@ -170,8 +169,9 @@ def _track(job: Job) -> None:
     cv2.setNumThreads(1)  # a study runs a job per core
     entry = job.source.entry
     with whole_folder(job.folder) as folder:
-        options = OpenOptions(entry.calibration, entry.fps)
-        engine = open_engine(entry.path, job.tracker, job.config, entry.camera, options)
+        engine = open_engine(
+            entry.path, job.tracker, job.config, entry.camera, OpenOptions(entry.calibration, entry.fps)
+        )
         engine.ahead = 0
         run(engine, RunSpec(folder, last_frame=job.frames - 1 if job.frames else None))
         if not job.is_done:  # a folder that lacks run.json makes room only now
@@ -179,7 +179,7 @@ def _track(job: Job) -> None:
 
 
 def run_study(
-    study: Study, names: Sequence[str], out: Path, workers: AbstractContextManager[Client], progress: Progress = unseen
+    study: Study, names: Sequence[str], out: Path, workers: AbstractContextManager[Client], progress: Progress
 ) -> list[JobResult]:
     """Run all that is not done and write study.json and summary.csv; the results come in the order of the study.
 
@@ -203,8 +203,7 @@ def _do_jobs(
     jobs: Sequence[Job | JobResult], workers: AbstractContextManager[Client], progress: Progress
 ) -> list[JobResult]:
     """Results in the order of the jobs."""
-    own = [job for job in jobs if isinstance(job, Job)]
-    left = {job.scores_file: job for job in own if not read_object(job.scores_file)}
+    left = {job.scores_file: job for job in jobs if isinstance(job, Job) and not read_object(job.scores_file)}
     done: dict[Path, Done] = {}
     if left:
         with workers as client:
