@@ -20,7 +20,7 @@ from calib.types import AnyArray
 from planview.checks.motion import MotionWatch
 from planview.checks.scene import delay_of
 from planview.synthetic.assets import DEMO
-from stereo.doctor.diagnose import diagnose, diagnose_colours, diagnose_fields, place_of_depth
+from stereo.doctor.diagnose import diagnose, diagnose_fields, place_of_depth
 from stereo.doctor.hypotheses import REGISTER
 from stereo.readers import open_any
 from stereo.recording import Decoded, DepthCamera, Frame, Recording, Shot, StereoPair
@@ -46,7 +46,6 @@ class Fault(NamedTuple):
 
 
 NOT_SYNCHRONOUS = "the cameras are not synchronous, or one of them is numbered one higher"
-OTHER_COLOURS = "red and blue are exchanged in the images of one camera"
 
 
 def _woven(now: AnyArray, later: AnyArray) -> AnyArray:
@@ -84,7 +83,6 @@ def pair_faults(rig: StereoRig) -> list[Fault]:
 
     ideal = rectified_rig(rig)
     inverted = SE3(pose.rotation.T, pose.rotation.T @ pose.translation)
-    exchanged = replace(rig, left=rig.right, right=rig.left)
     return [
         Fault(""),
         Fault("left and right are exchanged", lambda a, b: (b, a)),
@@ -96,7 +94,6 @@ def pair_faults(rig: StereoRig) -> list[Fault]:
         Fault("the images are not rectified yet", sensor=with_rig(ideal)),
         Fault("the images of one camera are shifted up or down", shifted, with_rig(ideal)),
         Fault("the pose of the right camera is inverted", sensor=with_rig(replace(rig, right_SE3_left=inverted))),
-        Fault("the lenses of left and right are exchanged", sensor=with_rig(exchanged)),
         Fault("the calibration is that of images twice the size", sensor=sized(2.0)),
         Fault("the calibration is that of images 1.5 times the size", sensor=sized(1.5)),
         Fault("the calibration is that of images two thirds of the size", sensor=sized(2 / 3)),
@@ -105,7 +102,6 @@ def pair_faults(rig: StereoRig) -> list[Fault]:
         Fault("the baseline is in centimetres", sensor=apart(100.0)),
         Fault("the baseline is in inches, or in squares of about 25 mm", sensor=apart(40.0)),
         Fault("each image is woven of two fields of different times", late=1, woven=True),
-        Fault(OTHER_COLOURS, lambda a, b: (a, b[..., ::-1])),
         Fault(NOT_SYNCHRONOUS, late=1),
         Fault(NOT_SYNCHRONOUS, late=2),
     ]
@@ -212,7 +208,7 @@ def named(recording: Recording[Any], consecutive: bool) -> str:
 
 
 def _pair_finding(recording: Recording[Any], spread: Sequence[Frame[Shot]]) -> Finding | None:
-    return diagnose_colours(spread) or diagnose_fields(spread) or diagnose(recording)
+    return diagnose_fields(spread) or diagnose(recording)
 
 
 def _depth_finding(recording: Recording[Any], spread: Sequence[Frame[Shot]]) -> Finding | None:
@@ -294,9 +290,8 @@ def _named_faults(path: Path, part: str) -> Iterator[Row]:
     recording = open_any(path)
     read = stored(recording)
     sensor = recording.sensor
-    is_grey = all(image.ndim == 2 for image in recording.sample(1)[0].images)
     for fault in KINDS[type(sensor)].faults(sensor):
-        if part not in fault.name or (is_grey and fault.name == OTHER_COLOURS):
+        if part not in fault.name:
             continue
         shown = fault.name or "as recorded"
         progress(f"{path}: {shown}")

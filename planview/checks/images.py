@@ -1,4 +1,4 @@
-"""Checks of images alone: light, colours, compression, and cameras that move or shake."""
+"""Checks of images alone: light, compression, and cameras that move or shake."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from calib.doubt import Finding
 from calib.images import as_grey
 from calib.types import U8
 from planview.checks.check import Check, limit_check
-from stereo.doctor.diagnose import diagnose_colours, diagnose_fields
+from stereo.doctor.diagnose import diagnose_fields
 from stereo.matcher import SATURATED_LEVEL
 from stereo.recording import Frame, Shot
 from stereo.viewpoint import SWAY_DEG, SpreadView, Standing, Sway
@@ -38,7 +38,6 @@ def image_checks(frames: Sequence[Frame[Shot]]) -> list[Check]:
         # Grey steps at the borders of blocks over those inside, which match at the same place in both cameras and
         # pull disparities there. Images as recorded have 0.7 to 1.3, JPEG of quality 10 has 5 and loses the floor.
         limit_check("compression", blocks, "", steps, most=2.0),
-        explained_check("colours", diagnose_colours(frames), "rows of both cameras have the same colours", warns=True),
         *fields_checks(frames),
     ]
 

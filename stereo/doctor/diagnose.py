@@ -15,7 +15,6 @@ from calib.types import F32, U8, AnyArray
 from stereo.depth import metres
 from stereo.doctor.hypotheses import (
     BASELINES,
-    COLOURS,
     DEPTHS,
     FIELDS,
     MOUNTS,
@@ -30,8 +29,6 @@ from stereo.doctor.pairs import (
     ROWS_WEIGHT,
     WIDTH,
     Pairs,
-    colours_of,
-    colours_score,
     fields_score,
     rows_score,
     thin_greys,
@@ -95,12 +92,6 @@ DIAGNOSES: dict[type, Callable[[Any, FloorSearch], Finding | None]] = {
     DepthCamera: diagnose_depth,
 }
 """By what recorded it, what explains a recording."""
-
-
-def diagnose_colours(frames: Sequence[Frame[Shot]]) -> Finding | None:
-    """Whether one camera of a pair has red where the other has blue."""
-    colours = colours_of(frames)
-    return best(colours, [COLOURS], colours_score) if colours else None
 
 
 def diagnose_fields(frames: Sequence[Frame[Shot]]) -> Finding | None:

@@ -14,9 +14,9 @@ from calib.doubt import Hypothesis
 from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F32, AnyArray
-from stereo.depth import DEPTH_MAX_M, DEPTH_UNITS
+from stereo.depth import DEPTH_UNITS, metres
 from stereo.doctor.overlay import Overlay
-from stereo.doctor.pairs import Colours, Pairs
+from stereo.doctor.pairs import Pairs
 from stereo.doctor.scenes import DepthScene, StoredDepth
 from stereo.rectify import rectified_rig
 
@@ -92,11 +92,6 @@ PAIRS = (
         _images(lambda left, right: (left[:, ::-1], right[:, ::-1])),
     ),
     Hypothesis("the images are rectified already", "give the calibration of the rectified images", _rig(rectified_rig)),
-    Hypothesis(
-        "the lenses of left and right are exchanged",
-        "exchange them in the calibration",
-        _rig(lambda rig: replace(rig, left=rig.right, right=rig.left)),
-    ),
     Hypothesis("the pose of the right camera is inverted", "store right_SE3_left, not left_SE3_right", _rig(_inverted)),
     Hypothesis("the calibration is that of images twice the size", SCALED, _rig(_of_images(2.0))),
     Hypothesis("the calibration is that of images 1.5 times the size", SCALED, _rig(_of_images(1.5))),
@@ -104,12 +99,6 @@ PAIRS = (
     Hypothesis("the calibration is that of images half the size", SCALED, _rig(_of_images(0.5))),
 )
 """Of the images and the calibration of a pair: rows show them."""
-COLOURS = Hypothesis[Colours](
-    "red and blue are exchanged in the images of one camera",
-    "exchange its channels",
-    lambda colours: colours._replace(right=colours.right[..., ::-1]),
-)
-"""Of colours, which both cameras see alike."""
 FIELDS = Hypothesis[list[F32]](
     "each image is woven of two fields of different times",
     "deinterlace it (ffmpeg -vf yadif)",
@@ -118,8 +107,8 @@ FIELDS = Hypothesis[list[F32]](
 """Of what moves, which has combed edges."""
 
 
-def _baseline(name: str, metres: float) -> Hypothesis[DepthScene]:
-    return Hypothesis(f"the baseline is in {name}", "give it in metres", lambda scene: scene.scale(metres))
+def _baseline(name: str, unit_m: float) -> Hypothesis[DepthScene]:
+    return Hypothesis(f"the baseline is in {name}", "give it in metres", lambda scene: scene.scale(unit_m))
 
 
 def _turned(how: str, quarters: int) -> Hypothesis[DepthScene]:
@@ -139,27 +128,20 @@ MOUNTS = (
 """Of what is measured rightly and taken wrongly: the floor shows it."""
 
 
-def _metres(depth: AnyArray) -> F32:
-    """Depth within the range of sensors; NaN elsewhere."""
-    depth = depth.astype(np.float32)
-    with np.errstate(invalid="ignore"):
-        return np.where((depth > 0) & (depth < DEPTH_MAX_M), depth, np.float32(np.nan))
-
-
 def _units(per_metre: float) -> Hypothesis[DepthScene]:
     def in_metres(values: AnyArray, stored: StoredDepth) -> F32:
-        return _metres(values / per_metre)
+        return metres(values / per_metre, 1.0)
 
     return Hypothesis(f"depth counts {per_metre:g} values per metre", SCALE, lambda scene: scene.read(in_metres))
 
 
 def _along_ray(values: AnyArray, stored: StoredDepth) -> F32:
-    return _metres(values / stored.units_per_m / stored.ray)
+    return metres(values / stored.units_per_m / stored.ray, 1.0)
 
 
 def _inverse(values: AnyArray, stored: StoredDepth) -> F32:
     """Depth of values that grow towards the camera, the usual one at 3 m: their unit is not known."""
-    return _metres(np.where(values > 0, 3.0 * stored.usual / np.maximum(values, 1e-6), 0.0))
+    return metres(np.where(values > 0, 3.0 * stored.usual / np.maximum(values, 1e-6), 0.0), 1.0)
 
 
 UNITS = tuple(_units(per_metre) for per_metre in DEPTH_UNITS)
@@ -225,7 +207,7 @@ LATE = {
 }
 """Of time: what moves, moves in both at once."""
 BY_KIND: dict[str, tuple[Hypothesis[Any], ...]] = {
-    "images and calibration of a pair": (*PAIRS, *RAW_PAIRS, COLOURS, FIELDS),
+    "images and calibration of a pair": (*PAIRS, *RAW_PAIRS, FIELDS),
     "baseline": BASELINES,
     "mount": MOUNTS,
     "depth": DEPTHS,

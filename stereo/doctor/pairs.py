@@ -1,4 +1,4 @@
-"""Some pairs of a recording under a calibration, and how well their rows, colours and fields agree."""
+"""Some pairs of a recording under a calibration, and how well their rows and fields agree."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Literal
 
-import cv2
 import numpy as np
 
 from calib.doubt import Score
@@ -140,30 +139,6 @@ def rows_score(pairs: Pairs) -> Score:
     share = pairs.aligned
     value = ROWS_WEIGHT * math.log(share) if share >= LEAST_ALIGNED else -math.inf
     return Score(value, f"matched corners are on their rows within {pairs.rows_px:.1f} px of 640")
-
-
-class Colours(NamedTuple):
-    """(N, 24, 3) mean colours of the rows of both cameras."""
-
-    left: F64
-    right: F64
-
-
-def colours_of(frames: Sequence[Frame[Shot]]) -> Colours | None:
-    """Colours of frames; None where they have none."""
-    if not frames or any(image.ndim != 3 for frame in frames for image in frame.images):
-        return None
-    sides = []
-    for images in zip(*(frame.images for frame in frames), strict=True):
-        rows = [cv2.resize(image, (1, 24), interpolation=cv2.INTER_AREA) for image in images]
-        sides.append(np.array(rows, dtype=np.float64))
-    return Colours(*sides)
-
-
-def colours_score(colours: Colours) -> Score:
-    """Rows of both cameras that have the same colours; a grey level apart is less than a camera's white balance."""
-    apart = math.sqrt(float(np.square(colours.left - colours.right).mean()))
-    return Score(-math.log(max(apart, 1.0)), f"left and right rows differ in colour by {apart:.1f} levels")
 
 
 def fields_score(images: Sequence[F32]) -> Score:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from stereo.doctor.diagnose import diagnose, diagnose_colours, diagnose_fields, place_of_depth
+from stereo.doctor.diagnose import diagnose, diagnose_fields, place_of_depth
 from stereo.readers import OpenOptions, open_any
 from stereo.recording import StereoPair
 
@@ -34,7 +34,7 @@ def test_the_doctor_is_silent_on_a_healthy_recording(shared_data: Path, name: st
     recording = open_any(path, OpenOptions(fps=5.0))
     frames = recording.sample(8)
     if isinstance(recording.sensor, StereoPair):
-        findings = [diagnose_colours(frames), diagnose_fields(frames), diagnose(recording)]
+        findings = [diagnose_fields(frames), diagnose(recording)]
     else:
         findings = [place_of_depth(frames).finding, diagnose(recording)]
     assert [str(finding) for finding in findings if finding] == []
