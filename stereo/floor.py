@@ -25,7 +25,7 @@ from stereo.rectify import Rectified, Rectifier, RectifyParams, aligned_rectifie
 from stereo.rgbd import RgbdRectifier
 from stereo.rig_correction import RigCorrection, match_corners
 from stereo.thumbnails import Thumbnails
-from stereo.viewpoint import ONE_VIEW, SpreadView, Viewpoints, view_of_most
+from stereo.viewpoint import SpreadView, Viewpoints, view_of_most
 
 SETUP_FRAMES = 24
 """Frames, spread over a recording, in which floor and rig are measured."""
@@ -78,16 +78,12 @@ class PairFrames:
     """
 
     def __init__(
-        self,
-        sensor: StereoPair,
-        frames: Sequence[Frame[Shot]],
-        search: FloorSearch | None = None,
-        view: SpreadView = ONE_VIEW,
+        self, sensor: StereoPair, frames: Sequence[Frame[Shot]], search: FloorSearch, view: SpreadView
     ) -> None:
         self.frames = frames
         self.view = view
         self.sensor = sensor
-        self._search = search or FloorSearch()
+        self._search = search
         self.rectifier, self.correction = aligned_rectifier(sensor.rig, frames, self._search.rectify)
         geometry = self.rectifier.geometry
         self.searched = disparity_range(geometry, self._search.range)
@@ -242,11 +238,8 @@ FRAMES: dict[type, Callable[..., PairFrames | DepthFrames]] = {StereoPair: PairF
 """By what recorded them, frames to measure a floor in."""
 
 
-def spread_frames(
-    recording: Recording[StereoPair | DepthCamera], search: FloorSearch | None = None
-) -> PairFrames | DepthFrames:
+def spread_frames(recording: Recording[StereoPair | DepthCamera], search: FloorSearch) -> PairFrames | DepthFrames:
     """Frames spread over a recording, in which its floor is measured. Raises WorkError: none can be used."""
-    search = search or FloorSearch()
     frames, view = frames_of_one_view(recording, search.frames)
     return FRAMES[type(recording.sensor)](recording.sensor, frames, search, view)
 

@@ -78,7 +78,7 @@ def disparity_range(
             nearest = max(clearance / steep, SEARCHED_FROM_M)
         if level > LEVEL_MIN:
             farthest = (floor.height_m + params.below_floor_m) / level
-    first = max(0, math.floor(geometry.disparity_at(farthest)) - 1) if math.isfinite(farthest) else 0
+    first = max(0, math.floor(geometry.disparity_at(farthest)) - 1)
     last = math.ceil(geometry.disparity_at(nearest)) + 1
     count = DISPARITY_STEP * math.ceil(max(DISPARITY_STEP, last - first) / DISPARITY_STEP)
     return DisparityRange(first, min(count, DISPARITY_STEP * (params.max_disparities // DISPARITY_STEP)))

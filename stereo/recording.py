@@ -356,11 +356,10 @@ class Recording(Generic[Sensor]):
                     yield frame
         skipped += [Skipped(i, "recording ends before this frame") for i in range(last + 1, self.n_frames)]
 
-    def sample(self, count: int, among: int | None = None) -> list[Frame[Shot]]:
-        """Up to ``count`` usable frames spread evenly over the recording, or ``among`` its first ones; ``skipped`` is
-        not touched."""
-        among = min(among or self.n_frames, self.n_frames)
-        spread = np.unique(np.linspace(0, among - 1, max(1, min(count, among))).round().astype(int))
+    def sample(self, count: int) -> list[Frame[Shot]]:
+        """Up to ``count`` usable frames spread evenly over the recording; ``skipped`` is not touched."""
+        n_frames = self.n_frames
+        spread = np.unique(np.linspace(0, n_frames - 1, max(1, min(count, n_frames))).round().astype(int))
         return self.at([int(i) for i in spread])
 
     def at(self, indices: Sequence[int]) -> list[Frame[Shot]]:
@@ -393,7 +392,7 @@ class LiveRecording(Recording[StereoPair]):
 
     is_live = True
 
-    def sample(self, count: int, among: int | None = None) -> list[Frame[Shot]]:
+    def sample(self, count: int) -> list[Frame[Shot]]:
         """Up to ``count`` usable frames from now on, 0.25 s apart (12 for the floor take 3 s)."""
         frames: list[Frame[Shot]] = []
         with closing(self.decode(None)) as pairs:

@@ -264,8 +264,6 @@ class SpreadView(NamedTuple):
 
 STANDS = Sway()
 """Of cameras that do not sway."""
-ONE_VIEW = SpreadView(0, [], {}, STANDS)
-"""Of frames that were not compared."""
 
 
 def view_of_most(shots: Sequence[Sequence[AnyArray]], focal_widths: float) -> SpreadView:

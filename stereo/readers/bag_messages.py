@@ -94,7 +94,7 @@ _YUV = {
     "yuv422": cv2.COLOR_YUV2BGR_UYVY, "uyvy": cv2.COLOR_YUV2BGR_UYVY, "yuv422_uyvy": cv2.COLOR_YUV2BGR_UYVY,
     "yuv422_yuy2": cv2.COLOR_YUV2BGR_YUY2, "yuyv": cv2.COLOR_YUV2BGR_YUY2,
 }  # fmt: skip
-_TYPES = {"8U": "u1", "8S": "i1", "16U": "u2", "16S": "i2", "32F": "f4", "64F": "f8"}
+_TYPES = {"8U": "u1", "16U": "u2", "32F": "f4"}
 _DEPTH_HEADER = struct.Struct("<iff")
 
 
@@ -117,7 +117,7 @@ def _raw(message: ImageMessage) -> AnyArray:
     if name in _YUV:
         pairs = _array(message, "u1", 2)
         return np.asarray(cv2.cvtColor(pairs, _YUV[name]))
-    if name[:2] in ("8u", "8s", "16", "32", "64"):
+    if name[:2] in ("8u", "16", "32"):
         kind, channels = message.encoding.upper().split("C")
         if channels not in ("", "1", "3", "4"):
             raise ValueError("channels that no image has")

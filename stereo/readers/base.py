@@ -22,7 +22,7 @@ from calib.world import load_world
 from stereo.depth import Depths
 from stereo.readers.images import Colour, Images, Size, Stream, bits_note, bits_of, frame_number, images_of
 from stereo.readers.pairing import ONE_TIME, TimePairs, pair_stamps
-from stereo.readers.times import holds_date, load_timestamps, unused_times
+from stereo.readers.times import load_timestamps, unused_times
 from stereo.recording import (
     Decoded,
     DecodedPair,
@@ -234,8 +234,7 @@ def clock_of(
     unused = unused_times(folder, None)
     if math.isfinite(file_fps) and not raw:
         return FrameClock(file_fps, None, unused)
-    whole = [f"{file.name} holds the second, but no time within it" for file in files if file and holds_date(file)]
-    return no_clock("the frames have no times, and there is no timestamps.csv", *whole[:1], *unused)
+    return no_clock("the frames have no times, and there is no timestamps.csv", *unused)
 
 
 NUMBER_MAX = 2**53

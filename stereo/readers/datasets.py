@@ -1,4 +1,4 @@
-"""Published data sets in their own layout: EuRoC, KITTI, Middlebury and TUM RGB-D.
+"""Published data sets in their own layout: EuRoC, KITTI and TUM RGB-D.
 
 TUM RGB-D: Sturm et al. 2012, A Benchmark for the Evaluation of RGB-D SLAM Systems, and its page on file formats:
 rgb.txt and depth.txt with ``timestamp filename``, depth of 16 bits with 5000 values per metre, registered to the
@@ -25,7 +25,6 @@ from calib.times import is_time, read_stamps
 from calib.types import I64
 from stereo.depth import Depths
 from stereo.readers.base import Layout, Reader, TimedFiles, clock_of_times, own_times, rgbd_layout, timed_layout
-from stereo.readers.folders import files_layout
 from stereo.readers.images import Colour, frame_number, image_files, images_of
 from stereo.readers.pairing import MAX_APART_S, depth_note, nearest_mates
 from stereo.readers.times import MAX_BYTES, list_in, read_rows
@@ -48,17 +47,16 @@ def _euroc_camera(folder: Path) -> TimedFiles:
     if not listed.is_file():
         files = image_files(data)
         return TimedFiles(data, files, read_stamps(data, [file.stem for file in files]).ns)
-    times, names, _ = _read_list(listed)
+    times, names = _read_list(listed)
     # The format gives nanoseconds; converted recordings hold seconds under the same name.
     return TimedFiles(data, [data / Path(name).name for name in names], read_stamps(listed, times).ns)
 
 
 class _ImageList(NamedTuple):
-    """Columns of a list: times as they are written, names of files, numbers of lines."""
+    """Columns of a list: times as they are written, and names of files."""
 
     times: list[str]
     names: list[str]
-    lines: list[int]
 
 
 def _read_list(file: Path) -> _ImageList:
@@ -74,7 +72,7 @@ def _read_list(file: Path) -> _ImageList:
     if not rows:
         raise InputError(f"{file}: expected lines of timestamp and file name, found none")
     names = [row.cells[1].replace("\\", "/") for row in rows]
-    return _ImageList([row.cells[0] for row in rows], names, [row.line for row in rows])
+    return _ImageList([row.cells[0] for row in rows], names)
 
 
 def _is_euroc(path: Path) -> bool:
@@ -107,10 +105,8 @@ def _kitti_find(path: Path, options: OpenOptions) -> Layout:
     # Drives that end with _sync are rectified, those that end with _extract are not (KITTI raw data, readme.txt).
     rectified = {"_sync": True, "_extract": False}.get("_" + drive.name.rsplit("_", 1)[-1])
     chosen = (pair[0][-2:], pair[1][-2:]) if calibration.name == "calib_cam_to_cam.txt" else None
-    grey = pair != KITTI_PAIRS[0] and any((drive / name).is_dir() for name in KITTI_PAIRS[0])
-    notes = ("the grey cameras are taken: a colour one lacks images",) if grey else ()
     rig = partial(load_rig, calibration, cameras=chosen, rectified=rectified)
-    return timed_layout(path, cameras[0], cameras[1], options, rig, notes)
+    return timed_layout(path, cameras[0], cameras[1], options, rig)
 
 
 def _kitti_sequence_find(path: Path, options: OpenOptions) -> Layout:
@@ -173,24 +169,6 @@ KITTI_SEQUENCE = Reader(
 )
 
 
-MIDDLEBURY_NAMES = (("im0", "im1"), ("view1", "view5"), ("im2", "im6"))
-"""Left and right of each year's data sets (vision.middlebury.edu/stereo/data)."""
-
-
-def _middlebury_pair(path: Path) -> tuple[Path, Path] | None:
-    by_stem = {file.stem: file for file in image_files(path)}
-    pairs = ((by_stem[left], by_stem[right]) for left, right in MIDDLEBURY_NAMES if {left, right} <= by_stem.keys())
-    return next(pairs, None)
-
-
-MIDDLEBURY = Reader(
-    "middlebury",
-    "a Middlebury pair",
-    lambda path: path.is_dir() and _middlebury_pair(path) is not None,
-    lambda path, options: files_layout(path, [_middlebury_pair(path) or (None, None)], options),
-)
-
-
 TUM_CAMERA = Camera(640, 480, 525.0, 525.0, 319.5, 239.5)
 """What the benchmark recommends where a sequence is not calibrated (Kinect's nominal values)."""
 _ASSOCIATIONS = ("associations.txt", "association.txt", "associate.txt", "assoc.txt", "associated.txt")
@@ -245,18 +223,15 @@ def _read_tum_mates(file: Path, images: Listed, depths: Listed) -> I64:
 
 
 def _read_tum_list(file: Path) -> Listed:
-    times, names, lines = _read_list(file)
+    times, names = _read_list(file)
     stamps = read_stamps(file, times)
     kept: list[int] = []
-    again: list[str] = []
     for i in sorted(range(len(names)), key=lambda i: (stamps.ns[i], names[i])):
-        if kept and stamps.ns[kept[-1]] == stamps.ns[i]:
-            again.append(f"line {lines[i]} of {file.name} has the time of line {lines[kept[-1]]}, skipped")
-        else:
+        if not kept or stamps.ns[kept[-1]] != stamps.ns[i]:
             kept.append(i)
-    notes = again[:1]
-    if len(again) > 1:
-        notes.append(f"{len(again) - 1} more lines of {file.name} with the time of another, skipped")
+    notes = []
+    if len(kept) < len(names):
+        notes.append(f"{len(names) - len(kept)} lines of {file.name} with the time of another, skipped")
     if stamps.unit != "s":
         notes.append(f"times of {file.name} are taken as {'dates' if stamps.unit == 'date' else stamps.unit}")
     return Listed(stamps.ns[kept], [names[i] for i in kept], tuple(notes))

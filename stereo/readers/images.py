@@ -253,6 +253,11 @@ _STRANGE = (
 """First bytes of what stands under an image's name, and what that is."""
 
 
+def strange_content(data: bytes) -> str:
+    """What data that begin like no image are; empty for others."""
+    return next((what for start, what in _STRANGE if start.match(data)), "")
+
+
 def decode_image(data: bytes) -> AnyArray:
     """(H, W) or (H, W, 3) uint8 or uint16 BGR, turned as its EXIF orientation says. Raises UnreadableError: no such
     image, or its end is cut off."""
@@ -268,7 +273,7 @@ def decode_image(data: bytes) -> AnyArray:
 
 def decode(data: bytes, flags: int) -> AnyArray:
     """The image as OpenCV decodes it, or UnreadableError; the size in its header is checked before memory is taken."""
-    if strange := next((what for start, what in _STRANGE if start.match(data)), None):
+    if strange := strange_content(data):
         raise UnreadableError(strange)
     image = None
     why = "no image that OpenCV reads"

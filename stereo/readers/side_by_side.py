@@ -16,6 +16,7 @@ from PIL import Image
 from calib.errors import InputError
 from calib.formats import load_rig
 from calib.images import as_grey
+from calib.io import size_text
 from calib.rig import StereoRig
 from calib.types import U8
 from stereo.readers.base import FramePairs, FrameSource, Layout, Reader, clock_of, stereo_layout, together
@@ -98,21 +99,22 @@ def _thin_grey(view: U8) -> U8:
     return np.asarray(cv2.resize(as_grey(view), size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def find_packing(pictures: Sequence[U8], aspect: float | None) -> tuple[Packing | None, Common]:
-    """The packing whose two views have most in common, None when none gives two views of one scene, and what they have
-    in common; ``aspect`` is the width over the height of one camera's images by the calibration, None when unknown."""
+def find_packing(pictures: Sequence[U8], aspect: float | None) -> Packing | None:
+    """The packing whose two views have most in common, None when none gives two views of one scene.
+
+    ``aspect`` is the width over the height of one camera's images by the calibration, None when unknown.
+    """
     height, width = pictures[0].shape[:2]
     candidates = _possible((width, height), aspect) or _possible((width, height), None)
     if not candidates:
-        return None, Common()
+        return None
     shared = [common_corners(map(packing.split, pictures)) for packing in candidates]
     fractions = [one.matched / max(1, one.corners) for one in shared]
     best = int(np.argmax(fractions))
-    found = shared[best]
-    if found.corners < 20:  # too few: what is most usual for the size
-        return (None if candidates[0].squeezed else candidates[0]), found
+    if shared[best].corners < 20:  # too few: what is most usual for the size
+        return None if candidates[0].squeezed else candidates[0]
     # Real pairs have 0.3 to 0.8 of the corners in common, halves of one picture under 0.03.
-    return (candidates[best] if fractions[best] >= 0.12 else None), found
+    return candidates[best] if fractions[best] >= 0.12 else None
 
 
 def _possible(picture: Size, aspect: float | None) -> list[Packing]:
@@ -184,9 +186,9 @@ def packed_layout(
     with suppress(InputError):
         one = load_rig(calibration).left
         aspect = one.width / one.height
-    packing, shared = find_packing(pictures, aspect)
+    packing = find_packing(pictures, aspect)
     if packing is None:
-        raise _no_pair(named, source.size, pictures, shared).about(str(named))
+        raise _no_pair(named, source.size).about(str(named))
     size = packing.size(source.size)
     pixels = "grey" if is_grey(pictures[0]) else "colour"
     streams = tuple(
@@ -213,20 +215,12 @@ def pictures_of(source: FrameSource) -> list[U8]:
     return found or [frame.image for frame in source.at([0]) if frame.image is not None]
 
 
-def _no_pair(named: Path, size: Size, pictures: Sequence[U8], shared: Common) -> InputError:
-    width, height = size
+def _no_pair(named: Path, size: Size) -> InputError:
     expected = "expected two views of one scene (side by side, or one above the other), found"
-    if width / height >= 1.8:
-        left, right = (is_grey(np.ascontiguousarray(half)) for half in np.array_split(pictures[0], 2, axis=1)[:2])
-        if left != right:
-            return InputError(
-                f"{expected} a grey and a coloured half with {shared.matched} of {shared.corners} corners alike: "
-                "a picture of depth next to its colour image holds no depth in metres"
-            )
     if is_depth(named):
         return InputError(DEPTH_IN_VIDEO)
     return InputError(
-        f"{expected} one picture of {width}x{height}: a stereo recording needs both cameras, and one camera another "
+        f"{expected} one picture of {size_text(size)}: a stereo recording needs both cameras, and one camera another "
         "tracker",
         remedy="tracker",
     )

@@ -21,16 +21,14 @@ _NAMED_DATE = re.compile(
     r"(?:[-_.,]?(\d{1,9}))?(?!\d)"
 )
 _NAMED_NUMBER = re.compile(r"(?<![\d.])(?:(\d{7,20})(?:[-_.](\d{1,9}))?|(\d{1,6})\.(\d{2,9}))(?![\d.])")
-_LAST_NUMBER = re.compile(r"(\d{1,6})(?=\D*$)")
 
 
 def stamps_in_names(stems: Sequence[str]) -> Stamps | None:
-    """Times that the names of files hold: dates with a time of day, numbers with decimals or as large as only a clock
-    counts, or numbers in the even but not equal steps of milliseconds. None where names number the frames, or hold no
-    number."""
+    """Times that the names of files hold: dates with a time of day, and numbers with decimals or as large as only
+    a clock counts. None where names number the frames, or hold no number."""
     if len(stems) < 2:
         return None
-    for pattern, read in ((_NAMED_DATE, _of_dates), (_NAMED_NUMBER, _of_numbers), (_LAST_NUMBER, _of_milliseconds)):
+    for pattern, read in ((_NAMED_DATE, _of_dates), (_NAMED_NUMBER, _of_numbers)):
         matches = [list(pattern.finditer(stem)) for stem in stems]
         count = len(matches[0])
         if any(len(each) != count for each in matches):
@@ -43,11 +41,6 @@ def stamps_in_names(stems: Sequence[str]) -> Stamps | None:
             if stamps is not None and len(set(stamps.ns.tolist())) > 0.5 * len(stems):
                 return stamps
     return None
-
-
-def holds_date(file: Path) -> bool:
-    """Whether the name of a file holds a date with a time of day."""
-    return _NAMED_DATE.search(file.stem) is not None
 
 
 def _of_dates(matches: Sequence[re.Match[str]]) -> Stamps | None:
@@ -93,23 +86,6 @@ def _with_parts(seconds: I64, parts: Sequence[str | None], matches: Sequence[re.
 def _last_number(text: str) -> str | None:
     numbers = re.findall(r"\d+", text)
     return numbers[-1] if numbers else None
-
-
-def _of_milliseconds(matches: Sequence[re.Match[str]]) -> Stamps | None:
-    """Times of numbers that step as a clock of milliseconds does, 33, 33, 34; a counter with gaps steps by multiples
-    of one step."""
-    if any(match[1].startswith("00") for match in matches):
-        return None
-    numbers: I64 = np.array([int(match[1]) for match in matches], dtype=np.int64)
-    steps: I64 = np.asarray(np.diff(np.sort(numbers)), dtype=np.int64)
-    if len(steps) < 5:
-        return None
-    usual = float(np.median(steps))
-    even = float(np.mean(np.abs(steps - usual) <= 0.1 * usual + 1))
-    is_counter = np.gcd.reduce(steps) >= 0.5 * steps.min()
-    if is_counter or even < 0.8 or not 4 <= usual <= 2000:
-        return None
-    return Stamps(numbers * NS["ms"], "ms")
 
 
 LISTS = ("timestamps.txt", "times.txt", "timestamp.txt")

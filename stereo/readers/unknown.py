@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
 from calib.io import entries
-from stereo.readers.images import SUFFIXES, image_files
+from stereo.readers.images import SUFFIXES, image_files, strange_content
 from stereo.readers.video import DEPTH_IN_VIDEO, is_depth, video_files
 
 ONE_IMAGE = "a single image, in which nobody walks: give the folder of a camera's images"
@@ -17,7 +16,6 @@ _NAMES = (
     "depth; one camera needs a tracker of one camera"
 )
 _READ = "give a video, a bag or a folder of images"
-_POINTER = re.compile(rb"\Aversion https://git-lfs\.github\.com/spec/v1\noid [^\n]+\nsize (\d+)")
 _WAYS = {
     "svo svo2": "only the ZED SDK reads it: export side-by-side video or images",
     "oni klg": "export its images and depth",
@@ -44,10 +42,8 @@ def _file_text(path: Path) -> str:
         return "neither a file nor a folder"
     with path.open("rb") as file:
         head = file.read(256)
-    if pointer := _POINTER.match(head):
-        return f"a git-lfs pointer instead of the file of {int(pointer[1])} bytes: git lfs pull fetches it"
-    if not head:
-        return "an empty file"
+    if strange := strange_content(head):
+        return strange
     return ONE_IMAGE if path.suffix.lower() in SUFFIXES else _kind_text([path])
 
 

@@ -11,7 +11,7 @@ from calib.formats import load_rig
 from calib.formats.one_camera import load_tsai
 from calib.types import F32, U8
 from stereo.depth import RectifiedGeometry
-from stereo.floor import PairFrames, setup_frames
+from stereo.floor import FloorSearch, PairFrames, spread_frames
 from stereo.matcher import DisparityRange, SgbmMatcher
 from stereo.readers import find_layout, open_recording
 from stereo.rectify import Rectifier, aligned_rectifier
@@ -163,8 +163,8 @@ def test_middlebury_is_matched_better_than_by_plain_sgbm(shared_data: Path, scen
 
 def test_overhead_pair_is_corrected_by_its_own_matches(shared_data: Path) -> None:
     recording = open_recording(shared_data / "overhead-stereo")
-    frames = setup_frames(recording)
-    pairs = PairFrames(recording.sensor, frames)
+    pairs = spread_frames(recording, FloorSearch())
+    assert isinstance(pairs, PairFrames)
     found = pairs.correction
     assert np.degrees(found.angles[2]) == pytest.approx(0.158, abs=0.02)  # see the recording's README
     assert list(found.is_applied) == [True, False, True]  # yaw cannot be printed
@@ -176,7 +176,7 @@ def test_overhead_pair_is_corrected_by_its_own_matches(shared_data: Path) -> Non
     about_x, about_y = np.degrees([np.arctan2(-up[1], -up[2]), np.arcsin(up[0])])
     assert about_x == pytest.approx(10.9, abs=1.0)  # at 640 px; 0.4 at the recorded 1280
     assert about_y == pytest.approx(2.8, abs=1.0)
-    half = aligned_rectifier(recording.sensor.rig, frames[1::2])[1]
+    half = aligned_rectifier(recording.sensor.rig, pairs.frames[1::2])[1]
     assert np.all(np.abs(half.angles - found.angles) < 3.0 * found.deviations)
 
 

@@ -9,8 +9,9 @@ from calib.rig import Floor
 from planview.synthetic.assets import SCENES
 from planview.synthetic.render import SceneRenderer
 from planview.synthetic.scene import load_scene
-from stereo.floor import PairFrames
+from stereo.floor import FloorSearch, PairFrames
 from stereo.recording import Frame, StereoPair
+from stereo.viewpoint import STANDS, SpreadView
 
 FRAMES = 6
 
@@ -27,7 +28,7 @@ def test_floor_is_found_within_2_cm_and_a_third_of_a_degree(tilt_deg: int) -> No
     for index in np.linspace(0, renderer.n_frames - 1, FRAMES).astype(int).tolist():
         rendered = renderer.frame(index)
         frames.append(Frame(index, rendered.timestamp_s, ((rendered.left, rendered.right),)))
-    found = PairFrames(StereoPair(renderer.rig), frames).floor()
+    found = PairFrames(StereoPair(renderer.rig), frames, FloorSearch(), SpreadView(FRAMES, [], {}, STANDS)).floor()
     true = Floor(renderer.world_SE3_left)
     assert found.height_m == pytest.approx(true.height_m, abs=0.02)
     assert math.degrees(found.tilt_rad) == pytest.approx(math.degrees(true.tilt_rad), abs=0.3)

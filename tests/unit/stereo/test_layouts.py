@@ -107,7 +107,7 @@ def test_kitti_odometry_sequence_has_its_times_and_projections(tmp_path):
 def test_middlebury_pair_is_one_frame(tmp_path):
     (write_images(tmp_path, "im0.png", "im1.png") / MIDDLEBURY).write_text(CALIBRATIONS[MIDDLEBURY])
     recording = open_recording(tmp_path)
-    assert find_reader(tmp_path).key == "middlebury"
+    assert find_reader(tmp_path).key == "folders"
     assert len(list(recording)) == 1 and recording.sensor.rig.baseline_m == pytest.approx(0.12)
 
 
@@ -184,7 +184,7 @@ LFS = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 727\n"
 
 @pytest.mark.parametrize(
     ("name", "content", "found"),
-    [("a.bag", LFS, "git-lfs pointer instead of the file of 727 bytes"), ("a.svo2", "SVO", "ZED SDK")],
+    [("a.bag", LFS, "git-lfs pointer: git lfs pull fetches the file"), ("a.svo2", "SVO", "ZED SDK")],
 )
 def test_file_that_is_no_recording_is_named_as_what_it_is(tmp_path, name, content, found):
     (tmp_path / name).write_text(content)
@@ -211,7 +211,6 @@ def test_what_is_no_time_and_what_no_clock_shows_is_refused(text: str) -> None:
     [
         (["rgb_1650000000.066", "rgb_1650000000.133"], 67_000_000),
         (["1403715273262142976", "1403715273312143104"], 50_000_128),
-        (["f_0", "f_33", "f_67", "f_100", "f_133", "f_167"], 34_000_000),  # milliseconds
         ([f"1650000000_{n}" for n in (0, 66666667, 133333333, 200000000)], 66_666_667),  # nanoseconds without zeros
         ([f"2023-04-05_12-34-5{i}.{5 * i}00" for i in range(2)], 1_500_000_000),
         ([f"20230405_123456_{n}" for n in ("000", "100", "200")], 100_000_000),
@@ -223,7 +222,6 @@ def test_what_is_no_time_and_what_no_clock_shows_is_refused(text: str) -> None:
         (["left0001", "left0002"], None),
         (["2022041501", "2022041502"], None),
         (["9" * 20, "8" * 20], None),  # more digits than a clock
-        (["0", "10", "20", "40", "50", "60"], None),
         (["20230405_120000"] * 9, None),
     ],
 )
