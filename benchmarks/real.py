@@ -20,7 +20,7 @@ from planview.engine.open import base_config
 from planview.evaluation.evaluate import evaluate_tracks, velocities
 from planview.evaluation.metrics import build_sequence, clear_scores, floor_similarity
 from planview.synthetic.assets import real_recordings
-from planview.trajectories.table import Trajectories, positions_table, read_truth
+from planview.trajectories.table import Trajectories, read_truth, table_of
 
 BASELINE = "peaks"
 """The tracker to beat, which is always scored too."""
@@ -114,14 +114,18 @@ def truth_of(folder: Path) -> Trajectories:
     """People of a recording on the floor."""
     if (folder / "truth.csv").is_file():
         return read_truth(folder / "truth.csv")
-    rows = read_csv(folder / WALKER_PATH)[["frame", "x_m", "z_m", "height_m"]].to_numpy(np.float64)
-    frame = rows[:, 0].astype(np.int64)
-    both_stand = frame >= WALKER_VISIBLE_FRAMES
-    is_second = both_stand & (rows[:, 1] > BESIDE_WALKER_M)
-    ids = 1 + is_second.astype(np.int64)
-    visible = (~both_stand).astype(np.float64)
-    order = np.lexsort((ids, frame))
-    return positions_table(frame[order], ids[order], rows[order, 1:3], rows[order, 3], visible=visible[order])
+    rows = read_csv(folder / WALKER_PATH)
+    both_stand = rows["frame"] >= WALKER_VISIBLE_FRAMES
+    is_second = both_stand & (rows["x_m"] > BESIDE_WALKER_M)
+    columns = {
+        "frame": rows["frame"],
+        "id": 1 + is_second,
+        "x_m": rows["x_m"],
+        "y_m": rows["z_m"],
+        "height_m": rows["height_m"],
+        "visible": ~both_stand,
+    }
+    return table_of(columns, WALKER_PATH)
 
 
 def count_people(tracks: Trajectories, truth: Trajectories, frames: I64) -> Row:

@@ -185,10 +185,10 @@ def solved(rows: I64, cols: I64, weight: F64) -> Bool:
     return np.asarray(partner[i] == j)
 
 
-def idf1(sequence: Sequence, threshold: float = THRESHOLD) -> float | None:
+def idf1(sequence: Sequence) -> float | None:
     """2 IDTP / (truth rows + track rows), with the most rows (IDTP) that one track for each person, of its own, can
     match; None without any rows."""
-    near = sequence.similarity >= threshold - EPS
+    near = sequence.similarity >= THRESHOLD - EPS
     pairs = sequence.truth[sequence.pair_truth[near]], sequence.tracks[sequence.pair_track[near]]
     (person, track), common = np.unique(np.stack(pairs), axis=1, return_counts=True)
     matched = int(common[best_pairs(person, track, common.astype(np.float64), np.zeros_like(person))].sum())
@@ -264,7 +264,7 @@ class ClearScores:
     fragmentations: int
 
 
-def clear_scores(sequence: Sequence, threshold: float = THRESHOLD) -> ClearScores:
+def clear_scores(sequence: Sequence) -> ClearScores:
     """Match frame by frame: first keep the pairs of the frame before, then maximise the similarity.
 
     A switch is a match of a person with another track than at that person's last match, however long ago. The frame
@@ -274,7 +274,7 @@ def clear_scores(sequence: Sequence, threshold: float = THRESHOLD) -> ClearScore
     both = np.zeros(sequence.n_frames, dtype=np.bool_)
     both[np.intersect1d(sequence.truth_frame, sequence.track_frame)] = True
     turn = np.where(both, np.cumsum(both) - 1, -1)
-    pairs = _matches(sequence, turn, threshold)
+    pairs = _matches(sequence, turn)
     misses = sequence.truth_rows - len(pairs)
     false_positives = sequence.track_rows - len(pairs)
     by_person = pairs[np.argsort(sequence.truth[pairs[:, 0]], kind="stable")]
@@ -300,9 +300,9 @@ def clear_scores(sequence: Sequence, threshold: float = THRESHOLD) -> ClearScore
     )
 
 
-def _matches(sequence: Sequence, turn: I64, threshold: float) -> I64:
+def _matches(sequence: Sequence, turn: I64) -> I64:
     """(K, 2) truth and track rows matched, in the order of frames."""
-    near = np.flatnonzero(sequence.similarity >= threshold - EPS)
+    near = np.flatnonzero(sequence.similarity >= THRESHOLD - EPS)
     rows = sequence.pair_truth[near]
     cols = sequence.pair_track[near]
     row_before = _row_before(sequence.truth, turn[sequence.truth_frame])[rows]

@@ -78,10 +78,6 @@ class Reference:
     def movements(self) -> Places:
         return movements(self.table, self.places).spread(VOTED_ON)
 
-    @cached_property
-    def size(self) -> float:
-        return self.places.size
-
     def places_of(self, table: Trajectories) -> Places:
         return places_of(table, self.on_floor, self.unit)
 
@@ -233,7 +229,8 @@ def hypotheses(tables: Tables, truth: Trajectories) -> Iterator[Hypothesis[Table
     yield from _moves(tables)
     for change in ON_FLOOR if tables.tracks.on_floor else IN_IMAGE:
         changed = change.undo(tables)
-        is_of_one_unit = changed.tracks.size / 10 < changed.places.size < 10 * changed.tracks.size
+        size = changed.tracks.places.size
+        is_of_one_unit = size / 10 < changed.places.size < 10 * size
         if is_of_one_unit:
             yield change
             for move in _moves(changed):

@@ -314,20 +314,6 @@ ROW_FIELDS = tuple(name for name in Trajectories.__dataclass_fields__ if name no
 """Fields for all rows together, and for every row."""
 
 
-def positions_table(
-    frame: I64, track_id: I64, xy_m: F64, height_m: F64 | None = None, timestamp_s: F64 | None = None,
-    box_px: F64 | None = None, visible: F64 | None = None,
-) -> Trajectories:  # fmt: skip
-    """A table of confirmed rows from arrays of length N; what is not given is unknown."""
-    columns: dict[str, Any] = {"frame": frame, "id": track_id, "x_m": xy_m[:, 0], "y_m": xy_m[:, 1]}
-    if box_px is not None:
-        columns |= zip(BOX_COLUMNS, box_px.T, strict=True)
-    for name, values in (("height_m", height_m), ("timestamp_s", timestamp_s), ("visible", visible)):
-        if values is not None:
-            columns[name] = values
-    return table_of(columns, "tracks")
-
-
 def concatenate(tables: Sequence[Trajectories]) -> Trajectories:
     """The rows of at least one table together, sorted by frame, then id."""
     joined = {name: np.concatenate([getattr(t, name) for t in tables]) for name in ROW_FIELDS}

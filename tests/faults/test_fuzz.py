@@ -18,6 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_calibrations import foreign_calibrations
 from toy_stereo import toy_rig
+from toy_tracks import positions_table
 
 from calib.errors import InputError
 from calib.formats import WRITTEN, load_rig, write_rig
@@ -42,7 +43,6 @@ from planview.trajectories.detections import load_detections
 from planview.trajectories.file import TrajectoryFile
 from planview.trajectories.formats import FORMATS as EXPORTS
 from planview.trajectories.formats import ExportName, load_file
-from planview.trajectories.table import positions_table
 from stereo.readers.times import load_timestamps
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -5,11 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli import Cli, JsonOf, Refused, ShownBy
+from toy_tracks import positions_table
 
 from planview.api.tracks import export
 from planview.output.render import scene_of
 from planview.trajectories.formats import load_file
-from planview.trajectories.table import positions_table, write_table
+from planview.trajectories.table import write_table
 
 AREA = "POLYGON ((-3 -1, 3 -1, 3 11, -3 11, -3 -1))"
 SPEED_MPS, FPS, FRAMES = 1.5, 15, 90

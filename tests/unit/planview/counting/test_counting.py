@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from toy_tracks import positions_table
 
 from calib.camera import Camera
 from calib.errors import InputError
@@ -27,7 +28,7 @@ from planview.counting.stream import Analytics
 from planview.counting.totals import INTERVALS_MAX, count_tracks, crossing_scores, occupancy_groups
 from planview.trajectories.clock import Clock
 from planview.trajectories.state import TrackState
-from planview.trajectories.table import Trajectories, TrajectoryCollector, positions_table, row_states, table_of
+from planview.trajectories.table import Trajectories, TrajectoryCollector, row_states, table_of
 from stereo.depth import RectifiedGeometry
 
 CAMERA = GroundCamera(640, 480, 500.0, 3.0, math.radians(60))

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from toy_tracks import positions_table
 
 from planview.counting.events import Event
 from planview.counting.rules import AnalyticsParams, RulePlane, load_rules, parse_rules
@@ -14,7 +15,7 @@ from planview.counting.stream import Analytics
 from planview.counting.totals import Counts, count_tracks, count_truth
 from planview.trajectories.clock import Clock
 from planview.trajectories.state import State, TrackState
-from planview.trajectories.table import Trajectories, positions_table
+from planview.trajectories.table import Trajectories
 
 WIRE = {"name": "door", "from_m": [0, 0], "to_m": [2, 0]}  # from left to right: its left side is y > 0
 ZONE = {"name": "room", "polygon_m": [[0, 0], [4, 0], [4, 4], [0, 4]]}

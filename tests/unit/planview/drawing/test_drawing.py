@@ -3,6 +3,7 @@ import math
 import cv2
 import numpy as np
 import pytest
+from toy_tracks import positions_table
 
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
@@ -14,7 +15,6 @@ from planview.drawing.rules import Rule, rules_of
 from planview.drawing.style import STRIP_PX, Entry, Labels, as_bgr, with_colour_bar, with_legend
 from planview.trajectories.plot import person_rgb
 from planview.trajectories.state import TrackState
-from planview.trajectories.table import positions_table
 
 CAMERA = GroundCamera(640, 480, 500.0, 3.0, math.radians(60))
 GREY: U8 = np.full((480, 640, 3), 128, dtype=np.uint8)

@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from toy_tracks import positions_table
 
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.evaluation.result import Evaluation
-from planview.trajectories.table import Trajectories, concatenate, positions_table
+from planview.trajectories.table import Trajectories, concatenate
 
 FRAMES = 300
 

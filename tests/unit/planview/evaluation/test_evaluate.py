@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from toy_tracks import positions_table
 
 from calib.errors import InputError, WorkError
 from planview.api.scores import evaluate
@@ -16,7 +17,7 @@ from planview.output.folder import RunInfo, write_run_info
 from planview.output.report.page import scores_of
 from planview.output.run_folder import RunFolder
 from planview.trajectories.formats import load_truth
-from planview.trajectories.table import Trajectories, concatenate, positions_table
+from planview.trajectories.table import Trajectories, concatenate
 
 KEYS = (
     "truth_rows", "mota", "motp_m", "idf1", "hota", "switches", "misses", "false_positives", "position_error_mean_m",

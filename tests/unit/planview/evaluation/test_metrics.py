@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from toy_tracks import positions_table
 
 from planview.evaluation.metrics import (
     Sequence,
@@ -26,7 +27,7 @@ from planview.evaluation.significant import (
     significant_errors,
     strict_identity_changes,
 )
-from planview.trajectories.table import Trajectories, positions_table
+from planview.trajectories.table import Trajectories
 
 
 def table(rows: list[tuple[float, ...]]) -> Trajectories:

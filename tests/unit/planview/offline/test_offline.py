@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from toy_tracks import positions_table
 
 from calib.errors import InputError
 from planview.offline.edit import edited
 from planview.offline.refine import Refined, refine
 from planview.trajectories.file import Region
-from planview.trajectories.table import Trajectories, concatenate, positions_table
+from planview.trajectories.table import Trajectories, concatenate
 
 
 def walk(

@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli import Cli, JsonOf
+from toy_tracks import positions_table
 
 from planview.output.finished import read_steps
 from planview.output.folder import RunInfo, read_run_info, write_run_info
-from planview.trajectories.table import positions_table, read_tracks, write_table
+from planview.trajectories.table import read_tracks, write_table
 
 
 @pytest.fixture

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from toy_tracks import positions_table
 
 from planview.trajectories.ends import HIDDEN_S, has_ended, track_numbers
-from planview.trajectories.table import Trajectories, positions_table
+from planview.trajectories.table import Trajectories
 
 
 def person(frames: list[int], x_m: list[float], fps: float = 10.0) -> Trajectories:

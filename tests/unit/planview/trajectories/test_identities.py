@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from toy_tracks import positions_table
 
 from calib.errors import InputError
 from planview.trajectories.identities import judge_ids, recording_starts, split_paths
-from planview.trajectories.table import Trajectories, concatenate, people_of, positions_table, table_of
+from planview.trajectories.table import Trajectories, concatenate, people_of, table_of
 
 NEVER = np.empty(0, dtype=np.int64)
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from cli import ShownBy
 from matplotlib.figure import Figure
+from toy_tracks import positions_table
 
 from calib.errors import InputError
 from planview.output.plot import NamedTracks, figure_of
@@ -20,7 +21,7 @@ from planview.trajectories.plot import (
     plot_paths,
     plot_speed,
 )
-from planview.trajectories.table import Trajectories, positions_table, write_table
+from planview.trajectories.table import Trajectories, write_table
 
 
 def walkers(people: int = 1, frames: int = 60) -> Trajectories:

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from toy_recordings import table_file
+from toy_tracks import positions_table
 
 from calib.errors import InputError
 from planview.trajectories.detections import load_detections
@@ -31,7 +32,6 @@ from planview.trajectories.table import (
     TrajectoryCollector,
     doubt,
     frame_period_s,
-    positions_table,
     read_tracks,
     read_truth,
     table_of,

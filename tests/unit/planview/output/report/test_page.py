@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from cli import ShownBy
+from toy_tracks import positions_table
 
 from calib.errors import InputError, WorkError
 from calib.types import U8
@@ -25,7 +26,7 @@ from planview.output.report.snapshots import busiest_frame, scene_pictures
 from planview.output.run_folder import RunFolder
 from planview.output.tables import DECISION_COLUMNS
 from planview.trajectories.clock import Clock
-from planview.trajectories.table import Trajectories, positions_table
+from planview.trajectories.table import Trajectories
 
 HEADER = "frame,timestamp_s,id,x_m,y_m,height_m,state\n"
 
