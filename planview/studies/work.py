@@ -87,7 +87,7 @@ def plan_jobs(study: Study, names: Sequence[str], out: Path) -> list[Job | JobRe
     """The runs of a study (arguments of ``run_study``), or why they cannot begin: configuration by configuration,
     recording by recording, seed by seed. Raises InputError: a setting that is no parameter or out of its range."""
     version = code_version()
-    sources = [identify(name, entry) for name, entry in zip(names, study.recordings, strict=True)]
+    sources = [*map(identify, names, study.recordings)]
 
     @cache  # recordings that begin with the same parameters share their configurations: there may be RUNS_MAX runs
     def load_keyed_config(configuration: Configuration, seed: int, base: Config) -> tuple[Config, str]:

@@ -334,18 +334,14 @@ def images_layout(
             stream = images.stream(name, len(own_s), own_s)
         sides.append((images, stream))
     (a, first), (b, second) = sides
-    size = same_size(a, b, *_places_of(a.files[0], b.files[0]))
+    names = a.files[0], b.files[0]
+    if names[0].parent != names[1].parent:
+        names = names[0].parent, names[1].parent
+    size = same_size(a, b, *names)
     unpaired = sum(None in pair for pair in zip(left, right, strict=True))
     pairs = FramePairs(together(a, b), len(left), unpaired)
     remarks = (*notes, *bits_note(bits))
     return stereo_layout(path, pairs, (first, second), clock, partial(rig, size), remarks, folder)
-
-
-def _places_of(left: Path, right: Path) -> tuple[Path, Path]:
-    """What messages call two cameras, by an image of each: their folders, or the images where both lie in one."""
-    if left.parent == right.parent:
-        return left, right
-    return left.parent, right.parent
 
 
 def check_paired(pairs: TimePairs, path: Path) -> None:

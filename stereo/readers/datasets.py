@@ -75,11 +75,12 @@ def _read_list(file: Path) -> _ImageList:
     return _ImageList([row.cells[0] for row in rows], names)
 
 
-def _is_euroc(path: Path) -> bool:
-    return all((_euroc_root(path) / camera / "data").is_dir() for camera in ("cam0", "cam1"))
-
-
-EUROC = Reader("euroc", "an EuRoC ASL folder", _is_euroc, _euroc_find)
+EUROC = Reader(
+    "euroc",
+    "an EuRoC ASL folder",
+    lambda path: all((_euroc_root(path) / camera / "data").is_dir() for camera in ("cam0", "cam1")),
+    _euroc_find,
+)
 
 
 KITTI_PAIRS = (("image_02", "image_03"), ("image_00", "image_01"))
@@ -147,12 +148,9 @@ def _kitti_camera(folder: Path, times: Path) -> TimedFiles:
     texts = []
     for file in files:
         number = frame_number(file)
-        if number is None or number >= len(lines):
-            line = "" if number is None else f", line {number + 1} for number {number}"
-            raise InputError(f"{times}: expected a time for {file.name}{line}, found {len(lines)} lines")
-        if not lines[number].strip():
+        if number is None or number >= len(lines) or not lines[number].strip():
             raise InputError(
-                f"{times}: line {number + 1} is empty, and {file.name} has no time: add it, or delete the image"
+                f"{times}: expected a time for {file.name}, found none: image n has line n, counted from 0"
             )
         texts.append(lines[number])
     return TimedFiles(folder, files, read_stamps(times, texts).ns)

@@ -235,9 +235,6 @@ class SeveralSensors:
         ends = [s - self._first_s + part.n_frames / part.fps for part, s in zip(parts, starts_s, strict=True)]
         self.n_frames = max(1, round(max(ends) * self.fps))
 
-    def __repr__(self) -> str:
-        return f"SeveralSensors({str(self.path)!r}, {len(self.parts)} sensors, {self.n_frames} frames)"
-
     @property
     def identity(self) -> list[Any]:
         """What decides results besides the images: cameras and times of every sensor."""

@@ -67,15 +67,8 @@ SEARCH_PX = 24
 """Corners tried in a view, and how far apart rows of cameras that are not rectified may be [px of 320]."""
 
 
-class Common(NamedTuple):
-    """Corners in the first views of some pairs, and how many of them the second views show, too."""
-
-    corners: int = 0
-    matched: int = 0
-
-
-def common_corners(pairs: Iterable[tuple[U8, U8]]) -> Common:
-    """Match corners between the two views of each pair."""
+def count_corners(pairs: Iterable[tuple[U8, U8]]) -> tuple[int, int]:
+    """Count the corners in the first views of some pairs, and those of them that the second views show, too."""
     corners = 0
     matched = 0
     for pair in pairs:
@@ -88,7 +81,7 @@ def common_corners(pairs: Iterable[tuple[U8, U8]]) -> Common:
         if len(offsets):
             # Matches of one pair of cameras lie about on one row offset [px of 320].
             matched += int(np.count_nonzero(np.abs(offsets - np.median(offsets)) <= 4.0))
-    return Common(corners, matched)
+    return corners, matched
 
 
 def _thin_grey(view: U8) -> U8:
@@ -108,10 +101,10 @@ def find_packing(pictures: Sequence[U8], aspect: float | None) -> Packing | None
     candidates = _possible((width, height), aspect) or _possible((width, height), None)
     if not candidates:
         return None
-    shared = [common_corners(map(packing.split, pictures)) for packing in candidates]
-    fractions = [one.matched / max(1, one.corners) for one in shared]
+    counts = [count_corners(map(packing.split, pictures)) for packing in candidates]
+    fractions = [matched / max(1, corners) for corners, matched in counts]
     best = int(np.argmax(fractions))
-    if shared[best].corners < 20:  # too few: what is most usual for the size
+    if counts[best][0] < 20:  # too few: what is most usual for the size
         return None if candidates[0].squeezed else candidates[0]
     # Real pairs have 0.3 to 0.8 of the corners in common, halves of one picture under 0.03.
     return candidates[best] if fractions[best] >= 0.12 else None

@@ -93,7 +93,7 @@ LISTS = ("timestamps.txt", "times.txt", "timestamp.txt")
 MAX_BYTES = 1 << 25
 """Larger files are no tables of frames: half a day at 30 Hz fills this."""
 _WORDS = re.compile(r"(frames?_?)?(time_?stamps?|times?|stamps?|ts)")
-_FRAME = ("frame", "frame_id", "frame_number", "frame_no", "frame_index", "index", "idx", "id", "seq", "n")
+_FRAME = re.compile(r"frame|(frame_?)?(id|number|no|index|idx)|seq|n")
 _TIME = re.compile(rf"(?:date_?time|timestamp|time|stamp|t)s?(?:[ _]?[\[(]?({'|'.join(UNITS)})[\])]?)?")
 _BLANK = re.compile(r"(?<=[-/]\d\d) +(?=\d\d:)")
 """Between a date and its time of day."""
@@ -173,7 +173,7 @@ def _count_rows(rows: Sequence[Sequence[str]]) -> bool:
 
 def _table(path: Path, names: Sequence[str], rows: Sequence[Row]) -> TimedRows:
     """The frames and times of a table whose columns have names."""
-    frame = next((i for i, name in enumerate(names) if name in _FRAME), None)
+    frame = next((i for i, name in enumerate(names) if _FRAME.fullmatch(name)), None)
     time = next((i for i, name in enumerate(names) if _TIME.fullmatch(name)), None)
     if time is None:
         raise InputError(f"{path}: expected the columns frame,timestamp_s, found {','.join(names)[:80]}")
@@ -287,10 +287,7 @@ def read_times(path: Path, count: int) -> Stamps:
     """The times of ``count`` frames, of a list or of a table with a line of names. Raises InputError: of others."""
     rows = timed_rows(path)
     if len(rows.texts) != count:
-        lines = read_text(path, "a list of times", MAX_BYTES).rstrip().split("\n")
-        empty = [f"; line {number} is empty" for number, line in enumerate(lines, 1) if not line.strip()]
-        found = f"found {len(rows.texts)}{''.join(empty[:1])}"
-        raise InputError(f"{path}: expected a time for each of {count} images, {found}")
+        raise InputError(f"{path}: expected a time for each of {count} images, found {len(rows.texts)}")
     return rows.stamps
 
 
