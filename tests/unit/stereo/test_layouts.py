@@ -89,7 +89,7 @@ def test_image_of_a_drive_without_a_time_is_named(tmp_path):
     with pytest.raises(InputError, match=r"image_01/timestamps.txt: expected a time for 0000000000.png, found none"):
         open_recording(folder)
     file.write_text("\n".join(lines[:3]))
-    with pytest.raises(InputError, match=r"expected a time for 0000000003.png, line 4 .*, found 3 lines"):
+    with pytest.raises(InputError, match=r"expected a time for 0000000003.png, found none"):
         open_recording(folder)
 
 
