@@ -20,7 +20,7 @@ import numpy as np
 from calib.carried import Carried
 from calib.errors import InputError
 from calib.floor_camera import FloorCamera
-from calib.types import F32, F64, U8, Bool
+from calib.types import F32, U8
 from planview.trajectories.state import State, TrackState
 from planview.trajectories.table import KEY_MAX, LAST_COLUMNS, STATES
 
@@ -81,33 +81,16 @@ def person_boxes(camera: FloorCamera | None, people: Sequence[tuple[float, float
     """
     if camera is None or not people:
         return [NO_BOX] * len(people)
-    projection = camera.projection
     at = np.array(people).reshape(-1, 1, 3)
     xy = at[..., :2] + PRISM_CORNERS[:, :2]
     z = at[..., 2:] * PRISM_CORNERS[:, 2:]
-    corners = np.concatenate([xy, z], axis=-1)
-    u, v, depth = np.moveaxis(corners @ projection[:, :3].T + projection[:, 3], -1, 0)
-    # Corners of a body nearer to the camera's plane than this are left out [m].
-    front = depth > 0.1
-    width, height = camera.size
-    with np.errstate(divide="ignore", invalid="ignore"):
-        left, right = _span(u / depth, front)
-        top, bottom = _span(v / depth, front)
-    left = np.maximum(left, -0.5)
-    top = np.maximum(top, -0.5)
-    right = np.minimum(right, width - 0.5)
-    bottom = np.minimum(bottom, height - 0.5)
+    pixels = camera.project(np.concatenate([xy, z], axis=-1))
+    first = np.maximum(np.fmin.reduce(pixels, axis=1), -0.5)  # corners behind the camera are NaN
+    last = np.minimum(np.fmax.reduce(pixels, axis=1), np.array(camera.size) - 0.5)
     boxes: list[Box] = []
-    for x, y, w, h in np.column_stack([left, top, right - left, bottom - top]).tolist():
+    for x, y, w, h in np.column_stack([first, last - first]).tolist():
         boxes.append((x, y, w, h) if w > 0 and h > 0 else NO_BOX)
     return boxes
-
-
-def _span(pixels: F64, front: Bool) -> tuple[F64, F64]:
-    """(N,) least and largest of (N, K) pixels that are in front of the camera."""
-    least = np.where(front, pixels, np.inf).min(axis=1)
-    largest = np.where(front, pixels, -np.inf).max(axis=1)
-    return least, largest
 
 
 class ScoreTerms(NamedTuple):
@@ -177,6 +160,7 @@ Needs = Literal["points", "maps", "image"]
 """Input of a tracker: the pixels and points of views, the maps made of them, or the image of one camera."""
 
 
+@runtime_checkable
 class Tracker(Protocol):
     """People over time. ``update`` once per frame, in order; ``reset`` forgets everything.
 
@@ -232,10 +216,8 @@ def track_frame(tracker: Tracker, observation: Observation) -> tuple[TrackState,
     """Track the next frame. Raises InputError: one's own tracker returns anything but TrackStates."""
     people: object = tracker.update(observation)
     name = type(tracker).__name__
-    if not isinstance(people, Sequence):
-        _refuse(f"a sequence of TrackState from {name}.update", type(people).__name__)
-    if not all(isinstance(person, TrackState) for person in people):
-        _refuse(f"a sequence of TrackState from {name}.update", "a sequence of something else")
+    if not isinstance(people, Sequence) or not all(isinstance(person, TrackState) for person in people):
+        _refuse(f"a sequence of TrackState from {name}.update", f"{people!r:.80}")
     if not all(isinstance(decision, Decision) for decision in tracker.decisions):
         _refuse(f"Decisions in {name}.decisions", "something else")
     if not type(tracker).__module__.startswith("planview."):  # one's own may return what no table holds, and no boxes
@@ -281,18 +263,12 @@ def _unfit_for_table(people: Sequence[TrackState]) -> str:
 
 
 def refuse_tracker(tracker: object, names: Sequence[str]) -> None:
-    """Raises InputError for a name that is none of ``names``, and for an object that lacks a part of ``Tracker``."""
+    """Raises InputError for a name that is none of ``names``, and for an object that is no ``Tracker``."""
     if isinstance(tracker, str):
         if tracker not in names:
             _refuse(f"one of {', '.join(names)}", repr(tracker))
-        return
-    parts = "update", "decisions", "debug", "reset", "needs"
-    expected = f"an object with {', '.join(parts)}"
-    missing = [part for part in parts if not hasattr(tracker, part)]
-    if missing:
-        _refuse(expected, f"{type(tracker).__name__} without {', '.join(missing)}")
-    if isinstance(tracker, type):
-        _refuse(expected, "a class in its place")
+    elif isinstance(tracker, type) or not isinstance(tracker, Tracker):
+        _refuse("an object with update, decisions, debug, reset and needs", f"{tracker!r:.80}")
 
 
 class Living(Protocol):

@@ -20,15 +20,9 @@ HEIGHT_MAX_M = 2.10
 """Heights of a head [m], from somebody who sits on the floor to a very tall man who walks."""
 THING_SHARE = 0.1
 """Share of what comes into view that is moved furniture and carried things, of any height up to a person's."""
-THING_RADII = (0.12, 0.2, 0.34)
-"""Radii of things over their heights, from a pillar to a crate."""
-FLAT_RADIUS = 0.1
-FLAT_DEPTH = 0.1
-"""Half breadth of a flat thing over its height, as of the part of a door's leaf that shows, and its depth over its
-breadth."""
-CARRIED_FROM = 0.85
-CARRIED_RADIUS = 0.2
-"""Where a carried thing begins, and its radius, over the height of its top: nothing is below."""
+THINGS = ((0.0, 0.12, 1.0), (0.0, 0.2, 1.0), (0.0, 0.34, 1.0), (0.85, 0.2, 1.0), (0.0, 0.1, 0.1))
+"""Shapes of things over the height of their top: where they begin, half breadth, and depth over breadth. Cylinders from
+a pillar to a crate, something carried, with nothing below, and something flat, as what shows of a door's leaf."""
 SPEED_MAX_MPS = 2.5
 """Fastest walk [m/s]: men change to running at 2.0 to 2.5 m/s (Hreljac 1993)."""
 SEEN_STD_M = 0.1
@@ -202,24 +196,17 @@ def body_table() -> BodyTable:
 
 @lru_cache(maxsize=1)
 def thing_tables() -> tuple[BodyTable, ...]:
-    """Tables of things, scaled as bodies are: upright cylinders with a flat top, one that is carried, and flat ones."""
-    round_ones = [(0.0, radius) for radius in THING_RADII]
+    """Tables of things, scaled as bodies are."""
     tables = []
-    for bottom, radius in [*round_ones, (CARRIED_FROM, CARRIED_RADIUS)]:
-        tables.append(_thing_table(bottom, radius * TORSO.height_m, 1.0))
-    ways = []
-    for way in range(FACINGS // 2):  # front and back look the same
-        ways.append(_thing_table(0.0, FLAT_RADIUS * TORSO.height_m, FLAT_DEPTH, 2 * math.pi * way / FACINGS))
-    cover = np.concatenate([table.cover for table in ways])
-    front = np.concatenate([table.front for table in ways])
-    tables.append(ways[0]._replace(cover=cover, front=front))
+    for bottom, slimness, depth in THINGS:
+        part = BodyPart(((bottom, 1.0, slimness * TORSO.height_m, depth),), BLUR_M)
+        ways = []
+        for way in range(FACINGS // 2 if depth < 1.0 else 1):  # front and back look the same
+            ways.append(build_table((part,), 2 * math.pi * way / FACINGS, u_cells=2 * U_CELLS))
+        cover = np.concatenate([table.cover for table in ways])
+        front = np.concatenate([table.front for table in ways])
+        tables.append(ways[0]._replace(cover=cover, front=front))
     return tuple(tables)
-
-
-def _thing_table(bottom: float, half_m: float, depth: float, turn_rad: float | None = None) -> BodyTable:
-    """Table of one cylinder from a relative height up."""
-    part = BodyPart(((bottom, 1.0, half_m, depth),), BLUR_M)
-    return build_table((part,), turn_rad, u_cells=2 * U_CELLS)
 
 
 def build_table(
@@ -239,7 +226,7 @@ def build_table(
 
 def _cell_centres(n: int) -> F64:
     """(n,) places of the cells of an axis whose middle is 0 [m]."""
-    return np.asarray((np.arange(n) + 0.5 - n / 2) * TABLE_CELL_M, dtype=np.float64)
+    return np.asarray((np.arange(n) + 0.5 - n / 2) * TABLE_CELL_M)
 
 
 def _render_parts(

@@ -126,4 +126,4 @@ class FloorKalman(NamedTuple):
 def _inverse(matrix: F64) -> F64:
     """Inverse of a (2, 2) matrix, without the tenth of a millisecond that numpy takes."""
     (a, b), (c, d) = matrix.tolist()
-    return np.asarray(np.array([[d, -b], [-c, a]]) / (a * d - b * c), dtype=np.float64)
+    return np.asarray(np.array([[d, -b], [-c, a]]) / (a * d - b * c))

@@ -181,7 +181,7 @@ def refine(mask: F32, ellipses: F64, size: Size) -> None:
     Residual of a cell: mask - (1 - prod_k (1 - inside_k)), weight 1 for foreground and BACKGROUND_WEIGHT for the rest.
     Size and angle have Gaussian priors around what is expected.
     """
-    weight = np.asarray((mask + BACKGROUND_WEIGHT * (1.0 - mask)) / CELL_DEVIATION**2, dtype=np.float64)
+    weight = np.asarray((mask + BACKGROUND_WEIGHT * (1.0 - mask)) / CELL_DEVIATION**2)
     outside = np.ones((len(ellipses), *mask.shape), np.float32)
     for free, ellipse in zip(outside, ellipses, strict=True):
         window = around(ellipse, mask.shape, SOFT_CELLS)

@@ -151,4 +151,4 @@ def overlap_areas(ellipses: F64, masks: Sequence[Bool]) -> F64:
     flat = sums.reshape(len(masks), -1)
     start = row * (n_cols + 1)
     covered = flat.take(start + last, axis=1) - flat.take(start + first, axis=1)
-    return np.asarray(2.0 * down[:, 0] / COVER_ROWS * covered.sum(axis=2), dtype=np.float64)
+    return np.asarray(2.0 * down[:, 0] / COVER_ROWS * covered.sum(axis=2))

@@ -415,8 +415,6 @@ class EllipseParticleTracker(Carried):
         foreground = view.foreground
         if foreground is None:
             return None
-        if foreground.ndim != 2 or foreground.dtype != np.uint8:
-            raise ValueError(f"expected a (H, W) uint8 foreground, got {foreground.shape} {foreground.dtype}")
         height, width = foreground.shape if view.image is None else view.image.shape[:2]
         self._image_size = height, width
         if self._studied is None and foreground.mean() < 255 * FLOODED:

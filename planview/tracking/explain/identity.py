@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import combinations
 from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -61,12 +62,11 @@ class Exchanges(Carried):
         """
         self._meet(people)
         judged = []
-        for i, person in enumerate(people):
-            for j in range(i + 1, len(people)):
-                dressed = person.identity.clothes.distinguish and people[j].identity.clothes.distinguish
-                confirmed = person.confirmed and people[j].confirmed
-                if _pair(person, people[j]) in self._evidence and dressed and confirmed:
-                    judged.append((i, j))
+        for i, j in combinations(range(len(people)), 2):
+            pair = people[i], people[j]
+            ready = all(person.confirmed and person.identity.clothes.distinguish for person in pair)
+            if ready and _ids(*pair) in self._evidence:
+                judged.append((i, j))
         if not judged:
             return []
         log_ratios: F32 = np.log(colour_ratios([person.identity.clothes for person in people]))
@@ -77,26 +77,25 @@ class Exchanges(Carried):
         for i, j in judged:
             gain = _swap_gain(log_ratios[i], log_ratios[j], *colours[i])
             gain += _swap_gain(log_ratios[j], log_ratios[i], *colours[j])
-            pair = _pair(people[i], people[j])
-            log_odds = self._evidence[pair] * decay + gain * fresh
-            self._evidence[pair] = log_odds
+            ids = _ids(people[i], people[j])
+            log_odds = self._evidence[ids] * decay + gain * fresh
+            self._evidence[ids] = log_odds
             involved = any(people[i] in match or people[j] in match for match in decided)
             if log_odds > EXCHANGED_LOG_ODDS and not involved:
                 decided.append(Match(people[i], people[j], log_odds))
-                self._evidence[pair] = 0.0
+                self._evidence[ids] = 0.0
         return decided
 
     def _meet(self, people: Sequence[Person]) -> None:
         """Begin to doubt pairs who are in contact, and forget pairs of whom somebody is gone."""
         alive = {person.track_id for person in people}
         self._evidence = {pair: log_odds for pair, log_odds in self._evidence.items() if alive.issuperset(pair)}
-        for i, person in enumerate(people):
-            for other in people[i + 1 :]:
-                if math.dist(person.at_m, other.at_m) < CONTACT_M:
-                    self._evidence.setdefault(_pair(person, other), 0.0)
+        for person, other in combinations(people, 2):
+            if math.dist(person.at_m, other.at_m) < CONTACT_M:
+                self._evidence.setdefault(_ids(person, other), 0.0)
 
 
-def _pair(person: Person, other: Person) -> tuple[int, int]:
+def _ids(person: Person, other: Person) -> tuple[int, int]:
     """Ids of two people, in order."""
     return min(person.track_id, other.track_id), max(person.track_id, other.track_id)
 

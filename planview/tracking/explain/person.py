@@ -328,10 +328,8 @@ class Person:
 
     def take_pose(self, pose: F64) -> None:
         """Jump to another place and posture (5,), speed and deviations unchanged."""
-        x_m, y_m, height_m, facing_rad, lean_m = pose.tolist()
-        self.move_to(x_m, y_m, height_m)
-        self.stance.facing_rad = facing_rad
-        self.stance.lean_m = lean_m
+        *place, self.stance.facing_rad, self.stance.lean_m = pose.tolist()
+        self.move_to(*place)
 
     def measure_height(self, height_m: float, information: float) -> None:
         """Take over the height of the pose that explains best; ``information`` on it [1/m^2]."""
