@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import combinations
+from itertools import combinations, product
 from typing import Any, cast
 
 import cv2
@@ -17,12 +17,15 @@ from calib.floor_camera import FloorCamera
 from calib.pose import SE3
 from calib.types import F32, F64, Bool
 from planview.checks.check import Check, limit_check
+from planview.evaluation.align import LEAST_M, fit_rigid
 from planview.evaluation.paths import (
+    MEET_M,
     TICK_S,
     Paths,
     RigAlignment,
     WalkedPath,
     apart_m,
+    met_s,
     same_height,
     sample_path,
 )
@@ -55,8 +58,15 @@ MIN_PATH_S = 1.0
 MAX_PATH_S = 60.0
 MAX_PATHS = 30
 """Shorter paths are left out, longer ones are cut [s], and so many are remembered of a sensor."""
-OTHERS_M = 2.0
-"""Places that are farther apart are of different people [m]."""
+CLOCK_S = 5.0
+SHIFT_M = 2.0
+"""Largest errors of clock and place that are searched [s, m]."""
+BETTER = 1.5
+BETTER_S = 0.5
+"""A correction must let people meet for this many times as long, and this much longer [s]: two people side by side, one
+of them hidden from one sensor, meet under a wrong one for a moment."""
+RIVALS = 0.9
+"""Two corrections are named where the worse one lets people meet for this share of the time."""
 MOVED_PX = 1.0
 STEP_PX = 2
 """Disparity by which people are nearer than the background: four deviations; and every n-th row and column that is
@@ -243,28 +253,98 @@ def _points(depth: F32, geometry: RectifiedGeometry, world_SE3_left: SE3) -> Flo
 
 
 def agreement_check(first: SensorPaths, second: SensorPaths) -> Check:
-    """The distance at which two sensors see the same people."""
+    """The distance at which two sensors see the same people, and what would let them agree."""
     name = f"{first.name} and {second.name}: people apart"
     paths = first.paths(second.camera)
     others = second.paths(first.camera)
-    # A person who is hidden from one sensor has nobody near by in its view: the other sensor's people have.
-    median_m = float(np.fmin(_median_apart_m(paths, others), _median_apart_m(others, paths)))
+    corrections = _corrections(paths, others)
+    distances_m = _apart_as_given(corrections[0] if corrections else AS_GIVEN, paths, others)
+    if not len(distances_m):
+        return limit_check(name, math.nan, "m", "nobody walked where both sensors look", most=APART_M, warns=True)
+    median_m = float(np.median(distances_m))
     note = "median distance between the places of people whom both see"
-    if math.isnan(median_m):
-        note = "nobody walked where both sensors look"
-    elif median_m > APART_M:
-        note += "; a clock or a pose in rigs.toml is wrong: align the sensors again"
+    if corrections and median_m > APART_M:
+        note += f"; they would agree with {' or '.join(_cause(second, motion) for motion in corrections)}"
     return limit_check(name, median_m, "m", note, most=APART_M, warns=True)
 
 
-def _median_apart_m(paths: Paths, others: Paths) -> float:
-    """Median distance of people from whoever is nearest to them by another sensor [m]; NaN where nobody is near."""
-    distances_m = [np.empty(0)]
-    for path in paths:
-        nearest_m = np.full(len(path.xy_m), OTHERS_M)
-        for other in others:
-            if same_height(path, other):
-                nearest_m = np.fmin(nearest_m, apart_m(AS_GIVEN, path, other))
-        distances_m.append(nearest_m[nearest_m < OTHERS_M])
-    together_m = np.concatenate(distances_m)
-    return float(np.median(together_m)) if len(together_m) else math.nan
+def _cause(sensor: SensorPaths, motion: RigAlignment) -> str:
+    """The change of a correction to ``rigs.toml``, in words."""
+    if motion.clock_s:
+        return f"start_s of {sensor.name} {abs(motion.clock_s):.1f} s {'smaller' if motion.clock_s < 0 else 'larger'}"
+    camera_m = sensor.camera.centre_m[:2]
+    x_m, y_m = motion.apply(camera_m)
+    turned_deg = math.degrees(motion.heading_rad)
+    return (
+        f"{sensor.name} at x {x_m:.2f}, y {y_m:.2f} m instead of {camera_m[0]:.2f}, {camera_m[1]:.2f} m "
+        f"and turned by {turned_deg:.1f} degrees"
+    )
+
+
+def _corrections(first: Paths, second: Paths) -> list[RigAlignment]:
+    """Another clock or pose of the second sensor under which people meet for clearly longer, the better one first."""
+
+    def together_s(motion: RigAlignment) -> float:
+        return met_s(motion, first, second)
+
+    motions = sorted([_other_clock(first, second), _other_pose(first, second)], key=together_s, reverse=True)
+    longest_s = together_s(motions[0])
+    given_s = together_s(AS_GIVEN)
+    if longest_s <= max(BETTER * given_s, given_s + BETTER_S):
+        return []
+    return [motion for motion in motions if together_s(motion) >= RIVALS * longest_s]
+
+
+def _apart_as_given(motion: RigAlignment, first: Paths, second: Paths) -> F64:
+    """(N,) distances as given [m] of the places that meet under a motion, from where a person was seen last before and
+    after a path."""
+    distances = [np.empty(0)]
+    for path, other in _pairs(first, second):
+        ticks = np.arange(path.first, path.end, dtype=np.float64)
+        now_m = np.hypot(*(other.at(np.clip(ticks, other.first, other.end - 1)) - path.xy_m).T)
+        meets = apart_m(motion, path, other) < MEET_M
+        distances.append(now_m[meets & np.isfinite(now_m)])
+    return np.concatenate(distances)
+
+
+def _pairs(first: Paths, second: Paths) -> list[tuple[WalkedPath, WalkedPath]]:
+    """Paths that may be of one person."""
+    return [(path, other) for path, other in product(first, second) if same_height(path, other)]
+
+
+def _other_clock(first: Paths, second: Paths) -> RigAlignment:
+    """The clock of the second sensor under which people meet for longest."""
+    ticks = round(CLOCK_S / TICK_S)
+    motions = [RigAlignment(0.0, 0.0, 0.0, tick * TICK_S) for tick in range(-ticks, ticks + 1)]
+    return max(motions, key=lambda motion: met_s(motion, first, second))
+
+
+def _other_pose(first: Paths, second: Paths) -> RigAlignment:
+    """The pose of the second sensor, moved and turned on the floor, under which people meet for longest."""
+    motions = [AS_GIVEN]
+    for pair in _pairs(first, second):
+        target, source = _meeting_places(AS_GIVEN, [pair], math.inf)
+        shift_m = np.median(target - source, axis=0) if len(target) else np.full(2, np.inf)
+        if np.hypot(*shift_m) < SHIFT_M:
+            motions.append(RigAlignment(0.0, float(shift_m[0]), float(shift_m[1]), 0.0))
+    best = max(motions, key=lambda motion: met_s(motion, first, second))
+    for _ in range(5):
+        target, source = _meeting_places(best, _pairs(first, second), MEET_M)
+        if len(target) * TICK_S < MIN_PATH_S or np.ptp(source, axis=0).max() < LEAST_M:
+            break
+        fit = fit_rigid(source, target)
+        best = RigAlignment(fit.rotation_rad, fit.x_m, fit.y_m, 0.0)
+    return best
+
+
+def _meeting_places(
+    motion: RigAlignment, pairs: Sequence[tuple[WalkedPath, WalkedPath]], meet_m: float
+) -> tuple[F64, F64]:
+    """(N, 2) places of the first sensor's people and of the second's that are nearer than this under a motion [m]."""
+    targets = [np.empty((0, 2))]
+    sources = [np.empty((0, 2))]
+    for path, other in pairs:
+        meets = apart_m(motion, path, other) < meet_m
+        targets.append(path.xy_m[meets])
+        sources.append(other.at(np.arange(path.first, path.end)[meets].astype(np.float64)))
+    return np.concatenate(targets), np.concatenate(sources)

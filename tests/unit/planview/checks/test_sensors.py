@@ -53,9 +53,9 @@ def walked(
     return sensor
 
 
-def disagreement(late_s: float = 0.0, moved: SE3 = AS_THEY_ARE) -> Check:
-    north = walked(SensorPaths("north", camera(NORTH_POSE)), -1.0)
-    south = walked(SensorPaths("south", camera(moved @ FROM_SOUTH @ NORTH_POSE)), 1.0, late_s, moved)
+def disagreement(late_s: float = 0.0, moved: SE3 = AS_THEY_ARE, seconds: float = 6.0) -> Check:
+    north = walked(SensorPaths("north", camera(NORTH_POSE)), -1.0, seconds=seconds)
+    south = walked(SensorPaths("south", camera(moved @ FROM_SOUTH @ NORTH_POSE)), 1.0, late_s, moved, seconds)
     return agreement_check(north, south)
 
 
@@ -80,15 +80,23 @@ def test_sensors_that_agree_are_silent() -> None:
     assert check.ok and check.value < 0.1
 
 
-@pytest.mark.parametrize("late_s", [1.0, -0.4])
-def test_clock_that_is_wrong_sets_people_apart(late_s: float) -> None:
+@pytest.mark.parametrize(("late_s", "how"), [(1.0, "1.0 s smaller"), (-0.4, "0.4 s larger"), (3.0, "3.0 s smaller")])
+def test_clock_that_would_let_sensors_agree_is_named(late_s: float, how: str) -> None:
     check = disagreement(late_s)
     assert check.warns and not check.ok
+    assert f"start_s of south {how}" in check.note
+
+
+def test_clock_is_named_where_the_times_do_not_overlap() -> None:
+    assert "start_s of south 3.0 s smaller" in disagreement(3.0, seconds=2.8).note
 
 
 @pytest.mark.parametrize("moved", [turned(0.0, (0.0, -0.5)), turned(0.0, (0.6, 0.0)), turned(8.0)])
-def test_pose_that_is_wrong_sets_people_apart(moved: SE3) -> None:
-    assert not disagreement(moved=moved).ok
+def test_pose_that_would_let_sensors_agree_is_named(moved: SE3) -> None:
+    check = disagreement(moved=moved)
+    assert not check.ok
+    numbers = check.note.split("south at x ")[1].replace(", y", "").split(" m")[0].split()
+    assert [float(number) for number in numbers] == pytest.approx([0.0, 6.4], abs=0.25)
 
 
 def test_sensors_that_see_different_people_in_different_places_say_nothing() -> None:
