@@ -22,6 +22,8 @@ from planview.checks.check import Check
 from planview.checks.heights import height_check, person_heights
 from planview.checks.images import (
     fields_checks,
+    flicker_check,
+    grey_level,
     image_checks,
     light_checks,
     spread_checks,
@@ -147,7 +149,7 @@ def _examine_depth(
 
 
 CHECKS: dict[type, Callable[[Any, Sequence[Frame[Shot]]], list[Check]]] = {
-    PairFrames: lambda seen, run: [*image_checks(seen.frames), *alignment_checks(seen)],
+    PairFrames: lambda seen, run: [*image_checks(seen.frames), _flicker_of_run(run), *alignment_checks(seen)],
     DepthFrames: lambda seen, run: [*_checks_of_images(seen.frames, run), *registration_checks(seen.frames, run)],
 }
 """By the frames looked at, checks of the images, and of how the two images of a shot lie on each other."""
@@ -157,7 +159,11 @@ def _checks_of_images(spread: Sequence[Frame[Shot]], run: Sequence[Frame[Shot]])
     """Copies and light of images that are no pair."""
     light = light_checks([frame.image for frame in spread])
     copies = repeated_check([frame.image for frame in run])
-    return [copies, *light, *fields_checks(spread)]
+    return [copies, *light, *fields_checks(spread), _flicker_of_run(run)]
+
+
+def _flicker_of_run(run: Sequence[Frame[Shot]]) -> Check:
+    return flicker_check([grey_level(frame.image) for frame in run])
 
 
 def _liveliest_run(recording: Recording[Any], spread: Sequence[Frame[Any]], count: int) -> list[Frame[Any]]:

@@ -87,6 +87,11 @@ def grey_mean(image: U8) -> float:
     return float(np.mean(image[::4, ::4]))
 
 
+def grey_level(image: U8) -> float:
+    """Mean grey level of an image."""
+    return float(as_grey(image)[::8, ::8].mean())
+
+
 def blocking(image: U8) -> float:
     """Mean grey step along the rows of a (H, W) image across the borders of blocks, over that inside of them."""
     steps = np.abs(np.diff(image[::4].astype(np.int16), axis=1)).mean(axis=0)
@@ -94,6 +99,19 @@ def blocking(image: U8) -> float:
     if not is_border.any():
         return math.nan
     return float(steps[is_border].mean() / max(float(steps[~is_border].mean()), 1e-3))
+
+
+def flicker_check(levels: Sequence[float]) -> Check:
+    """Light that alternates, from the mean grey levels of consecutive frames."""
+    share = math.nan
+    if len(levels) > 8:
+        steps = np.diff(levels)
+        steps[1::2] *= -1.0
+        darker = abs(float(np.median(steps)))
+        share = darker / max(float(np.mean(levels)) + 0.5 * darker, 1.0)
+    # A lamp's flicker and automatic exposure change a few percent.
+    note = "share by which every second frame is darker: exposure or emitter alternates; both lights are followed"
+    return limit_check("light from frame to frame", share, "", note, most=0.08, warns=True)
 
 
 def standing_checks(standing: Standing, after: str) -> list[Check]:

@@ -12,6 +12,7 @@ from calib.errors import InputError
 from calib.types import F64, U8
 from planview.checks.check import Check
 from planview.checks.heights import height_check, large_heights, standing_things
+from planview.checks.images import flicker_check, grey_level
 from planview.checks.motion import MotionWatch
 from planview.checks.scene import disparity_check
 from planview.checks.timing import SpeedWatch
@@ -29,7 +30,7 @@ THINGS_MIN = 20
 class RecordingWatch(Carried):
     """Watches a run: do both cameras show the same, at the same time, at a plausible scale?"""
 
-    CARRIED = "_motion", "_speed", "_frames", "_valid", "_things"
+    CARRIED = "_motion", "_speed", "_frames", "_valid", "_things", "_levels"
 
     def __init__(self, rig: FloorRig) -> None:
         self._rig = rig
@@ -38,6 +39,7 @@ class RecordingWatch(Carried):
         self._frames = 0
         self._valid: deque[float] = deque(maxlen=MEASUREMENTS_MAX)
         self._things: deque[F64] = deque(maxlen=MEASUREMENTS_MAX)
+        self._levels: deque[float] = deque(maxlen=MEASUREMENTS_MAX)
 
     def update(
         self, timestamp_s: float, depth: Depth | None, foreground: U8 | None, places: Mapping[int, tuple[float, float]]
@@ -50,6 +52,7 @@ class RecordingWatch(Carried):
         if depth is None:
             return
         self._motion.update(depth.thumbnails(), timestamp_s)
+        self._levels.append(grey_level(depth.rectified[0]))
         if is_measured:
             self._valid.append(float(np.isfinite(depth.disparity).mean()))
             if foreground is not None:
@@ -62,6 +65,7 @@ class RecordingWatch(Carried):
         things = np.concatenate([np.empty((0, 2)), *self._things])
         return [
             *self._motion.checks(),
+            flicker_check(list(self._levels)),
             disparity_check(list(self._valid)),
             height_check(large_heights(things) if len(things) >= THINGS_MIN else np.empty(0)),
             self._speed.check(),

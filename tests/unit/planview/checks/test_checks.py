@@ -20,7 +20,7 @@ from planview.api.check import verdict
 from planview.checks.check import Check, limit_check
 from planview.checks.examine import examine
 from planview.checks.heights import height_check
-from planview.checks.images import light_checks
+from planview.checks.images import flicker_check, light_checks
 from planview.checks.motion import MotionWatch, repeated_check
 from planview.checks.scene import floor_checks
 from planview.checks.timing import LONGEST_LAG, SURELY, WINDOW, SpeedWatch, lag_of
@@ -133,6 +133,14 @@ def test_picture_written_twice_leaves_its_camera_behind(sides: tuple[list[U8], l
     found = watched(*both)
     assert round(found["synchronisation"].value) == 1 and "synchronisation" in failing(found)
     assert f"right camera {'late' if side else 'ahead'}, by movement" in found["synchronisation"].note
+
+
+def test_every_second_frame_that_is_darker_is_a_warning() -> None:
+    rng = np.random.default_rng(0)
+    steady = 90 + 10 * np.sin(np.arange(60) / 20) + rng.normal(0, 2, 60)
+    assert flicker_check(list(steady)).ok and flicker_check([90.0] * 4).ok
+    check = flicker_check(list(steady * np.where(np.arange(60) % 2, 0.8, 1.0)))
+    assert not check.ok and check.warns and check.value == pytest.approx(0.2, abs=0.02)
 
 
 def wave(late: float, frames: int = WINDOW, seed: int = 0) -> F64:
