@@ -81,7 +81,7 @@ def rules(tmp_path: Path) -> Path:
     "stops", [pytest.param((2,), marks=pytest.mark.slow), (20,), pytest.param((5, 20), marks=pytest.mark.slow)]
 )
 def test_a_resumed_run_writes_what_an_uninterrupted_one_writes(engine, tmp_path, rules, stops, monkeypatch, recwarn):
-    monkeypatch.setattr("planview.checks.examine.VALID_SHARE_MIN", 2.0)  # a warning with a value of all frames
+    monkeypatch.setattr("planview.checks.scene.VALID_SHARE_MIN", 2.0)  # a warning with a value of all frames
     alone = spec_with(rules, tmp_path / "alone", maps=True)
     stopped = spec_with(rules, tmp_path / "stopped", maps=True)
     run(engine, alone)
