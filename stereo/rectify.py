@@ -61,10 +61,9 @@ def fold_radius(camera: Camera) -> float:
     return float(radius[back[0]]) if back.size else math.inf
 
 
-def border_rays(camera: Camera) -> F64:
-    """(4, 33, 3) float64 rays at unit z through the left, right, top and bottom edge of an image; where the lens
+def border_rays(camera: Camera, samples: int = 33) -> F64:
+    """(4, samples, 3) float64 rays at unit z through the left, right, top and bottom edge of an image; where the lens
     model has no inverse, the outermost ray that it has in that direction."""
-    samples = 33
     right = camera.width - 0.5
     bottom = camera.height - 0.5
     edges = np.empty((4, samples, 2))

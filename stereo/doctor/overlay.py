@@ -102,10 +102,8 @@ def small_images(frames: Sequence[Frame[Shot]]) -> list[F32]:
 
 def small_depths(frames: Sequence[Frame[Shot]]) -> list[F32]:
     """(h, WIDTH) depth of each frame [m], NaN where unknown."""
-    return [
-        np.asarray(cv2.resize(frame.images[1], _small(frame), interpolation=cv2.INTER_NEAREST), np.float32)
-        for frame in frames
-    ]
+    nearest = [cv2.resize(frame.images[1], _small(frame), interpolation=cv2.INTER_NEAREST) for frame in frames]
+    return [np.asarray(depth, dtype=np.float32) for depth in nearest]
 
 
 def _small(frame: Frame[Shot]) -> tuple[int, int]:

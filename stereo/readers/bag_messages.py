@@ -29,6 +29,7 @@ class ImageMessage:
     width: int = -1
     height: int = 0
     step: int = 0
+    bigendian: bool = False
 
 
 def stamp_ns(message: Any) -> int:
@@ -47,7 +48,8 @@ def image_message(message: Any) -> ImageMessage:
     data = bytes(memoryview(message.data))
     if hasattr(message, "format"):
         return ImageMessage(str(message.format), data)
-    return ImageMessage(str(message.encoding), data, int(message.width), int(message.height), int(message.step))
+    size = int(message.width), int(message.height), int(message.step)
+    return ImageMessage(str(message.encoding), data, *size, bool(message.is_bigendian))
 
 
 def camera_fields(message: Any) -> dict[str, Any]:
@@ -131,7 +133,7 @@ def _raw(message: ImageMessage) -> AnyArray:
 
 def _array(message: ImageMessage, kind: str, channels: int) -> AnyArray:
     """(H, W) or (H, W, channels) values without what pads the rows; refuses a size that the data does not hold."""
-    dtype = np.dtype("<" + kind)
+    dtype = np.dtype((">" if message.bigendian else "<") + kind)
     used = message.width * channels * dtype.itemsize
     height = message.height
     step = message.step
@@ -144,7 +146,7 @@ def _array(message: ImageMessage, kind: str, channels: int) -> AnyArray:
         pixels = f"{height} rows of {message.width} pixels of {message.encoding} take {used * height}"
         raise UnreadableError(f"{held} bytes in steps of {step}, where {pixels}")
     rows = as_strided(np.frombuffer(message.data, np.uint8), (height, used), (step, 1))
-    values = np.ascontiguousarray(rows).view(dtype)
+    values = np.ascontiguousarray(rows).view(dtype).astype(dtype.newbyteorder("="), copy=False)
     return values if channels == 1 else values.reshape(height, message.width, channels)
 
 

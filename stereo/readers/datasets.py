@@ -104,7 +104,7 @@ def _kitti_find(path: Path, options: OpenOptions) -> Layout:
     places = [folder / "calib_cam_to_cam.txt" for folder in (drive, drive.parent)]
     calibration = options.calibration or next((place for place in places if place.is_file()), drive)
     # Drives that end with _sync are rectified, those that end with _extract are not (KITTI raw data, readme.txt).
-    rectified = {"sync": True, "extract": False}.get(drive.name.rsplit("_", 1)[-1])
+    rectified = {"_sync": True, "_extract": False}.get("_" + drive.name.rsplit("_", 1)[-1])
     chosen = (pair[0][-2:], pair[1][-2:]) if calibration.name == "calib_cam_to_cam.txt" else None
     rig = partial(load_rig, calibration, cameras=chosen, rectified=rectified)
     return timed_layout(path, cameras[0], cameras[1], options, rig)
@@ -169,7 +169,7 @@ KITTI_SEQUENCE = Reader(
 
 TUM_CAMERA = Camera(640, 480, 525.0, 525.0, 319.5, 239.5)
 """What the benchmark recommends where a sequence is not calibrated (Kinect's nominal values)."""
-_ASSOCIATIONS = ("associations.txt", "association.txt", "associate.txt", "assoc.txt")
+_ASSOCIATIONS = ("associations.txt", "association.txt", "associate.txt", "assoc.txt", "associated.txt")
 
 
 class Listed(NamedTuple):

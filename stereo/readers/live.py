@@ -64,7 +64,7 @@ class LiveSource:
             last_s = -1.0
             for index in count():
                 found, image = capture.read()
-                if not found:
+                if not found or image is None:
                     return
                 own_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3
                 first_s = own_s if index == 0 else first_s

@@ -122,7 +122,7 @@ def _possible(picture: Size, aspect: float | None) -> list[Packing]:
         if height % 2 if stacked else width % 2:
             continue
         fits = low <= w / h < high if aspect is None else abs(w / h / aspect - 1.0) < 0.02
-        if fits and not any(p.stacked == stacked for p in found):
+        if fits and packing not in found and not any(p.stacked == stacked for p in found):
             found.append(packing)
     return found
 

@@ -153,7 +153,14 @@ def timed_rows(path: Path) -> TimedRows:
     firsts = [row[0] for row in cells]
     if _count_rows(cells):
         return TimedRows(path, [int(first) for first in firsts], [row[1] for row in cells])
+    if all(_holds_milliseconds(row) for row in cells):
+        return TimedRows(path, None, [".".join(row) for row in cells])
     return TimedRows(path, None, firsts)
+
+
+def _holds_milliseconds(cells: Sequence[str]) -> bool:
+    """Whether cells are a date and its milliseconds, as Python's logs write them with a comma between."""
+    return len(cells) == 2 and ":" in cells[0] and cells[1].isdecimal()
 
 
 def _count_rows(rows: Sequence[Sequence[str]]) -> bool:
@@ -256,13 +263,13 @@ def list_in(folder: Path) -> Path | None:
     return next((folder / name for name in LISTS if (folder / name).is_file()), None)
 
 
-def files_of_times(folder: Path, camera: str = "") -> list[Path]:
+def files_of_times(folder: Path, camera: str = "", suffixes: Sequence[str] = (".csv", ".txt")) -> list[Path]:
     """Tables and lists with a word for times in their names, next to that of a camera where one is named."""
     camera_words = set(re.split(r"[-_. ]", camera.lower())) if camera else set()
     files = []
     for file in entries(folder):
         words = re.split(r"[-_. ]", file.stem.lower())
-        if file.suffix.lower() in (".csv", ".txt") and file.is_file() and camera_words <= set(words):
+        if file.suffix.lower() in suffixes and file.is_file() and camera_words <= set(words):
             files += [file] if any(map(_WORDS.fullmatch, words)) else []
     return files
 
@@ -297,7 +304,8 @@ def unused_times(folder: Path, used: Path | None) -> tuple[str, ...]:
         return ()
     found = []
     for place in (folder, *filter(Path.is_dir, entries(folder))):
-        found += [str(file.relative_to(folder)) for file in files_of_times(place) if file != used]
+        files = files_of_times(place, "", (".csv", ".txt", ".tsv", ".json", ".npy", ".yaml"))
+        found += [str(file.relative_to(folder)) for file in files if file != used]
     if not found:
         return ()
     why = f"the times of {used.name} count" if used else "each camera needs times of its own, or all timestamps.csv"

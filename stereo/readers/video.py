@@ -57,7 +57,7 @@ class VideoFile:
             self.n_frames = 1 + sum(1 for _ in takewhile(lambda _: capture.grab(), range(1, self.n_frames)))
         if self.raw and not self.n_frames:
             self.n_frames = len(_packets(path).times_s)
-        if not found:
+        if not found or first is None:
             raise InputError(f"{path}: expected a video, found no frame that can be decoded: {_coded(capture)}")
         self.size = first.shape[1], first.shape[0]
         self.fps = fps if 0 < fps <= 1000 else math.nan
@@ -80,7 +80,7 @@ class VideoFile:
             # Reads that fail in a row for about a second, more than a lost key frame costs, are the end.
             while broken < 25 and (broken == 0 or index + broken < self.n_frames):
                 found, image = capture.read()
-                if not found:
+                if not found or image is None:
                     broken += 1
                     continue
                 for lost in range(index, index + broken):
@@ -113,7 +113,7 @@ class VideoFile:
                 while position < index and capture.grab():
                     position += 1
                 found, image = capture.read() if position == index else (False, None)
-                if not found:
+                if not found or image is None:
                     return
                 position += 1
                 yield Decoded(index, self._time(capture, index), self._as_stored(image))

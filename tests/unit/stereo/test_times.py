@@ -234,10 +234,11 @@ def test_times_run_on_where_the_clock_of_a_table_was_set_back(tmp_path: Path) ->
         [f"{i} {i / 10}" for i in range(6)],
         [f"{n} {i / 10}" for i, n in enumerate(COUNTER)],
         [f"{i},2023-10-29 02:59:59.{i}" for i in range(6)],
+        [f"2023-10-29 02:59:59,{i}00" for i in range(6)],
         [f"{1_700_000_000_000 + 100 * i} left/{i}.png" for i in range(6)],
         ["# time;x", *(f"{i};0,{i}" for i in range(6))],
     ],
-    ids=["counted", "counter with gaps", "dates", "names", "decimal commas"],
+    ids=["counted", "counter with gaps", "dates", "comma before milliseconds", "names", "decimal commas"],
 )
 def test_list_of_times_may_hold_more_than_the_times(tmp_path: Path, lines: list[str]) -> None:
     (tmp_path / "times.txt").write_text("\n".join(lines))
