@@ -1,4 +1,4 @@
-"""Published data sets in their own layout: EuRoC, KITTI and TUM RGB-D.
+"""Published data sets in their own layout: EuRoC, KITTI, Middlebury and TUM RGB-D.
 
 TUM RGB-D: Sturm et al. 2012, A Benchmark for the Evaluation of RGB-D SLAM Systems, and its page on file formats:
 rgb.txt and depth.txt with ``timestamp filename``, depth of 16 bits with 5000 values per metre, registered to the
@@ -25,6 +25,7 @@ from calib.times import is_time, read_stamps
 from calib.types import I64
 from stereo.depth import Depths
 from stereo.readers.base import Layout, Reader, TimedFiles, clock_of_times, own_times, rgbd_layout, timed_layout
+from stereo.readers.folders import files_layout
 from stereo.readers.images import Colour, frame_number, image_files, images_of
 from stereo.readers.pairing import MAX_APART_S, depth_note, nearest_mates
 from stereo.readers.times import MAX_BYTES, list_in, read_rows
@@ -166,6 +167,22 @@ KITTI_SEQUENCE = Reader(
     _kitti_sequence_find,
 )
 
+MIDDLEBURY_NAMES = (("im0", "im1"), ("view1", "view5"), ("im2", "im6"))
+"""Left and right of each year's data sets (vision.middlebury.edu/stereo/data)."""
+
+
+def _middlebury_pair(path: Path) -> tuple[Path, Path] | None:
+    by_stem = {file.stem: file for file in image_files(path)}
+    pairs = ((by_stem[left], by_stem[right]) for left, right in MIDDLEBURY_NAMES if {left, right} <= by_stem.keys())
+    return next(pairs, None)
+
+
+MIDDLEBURY = Reader(
+    "middlebury",
+    "a Middlebury pair",
+    lambda path: path.is_dir() and _middlebury_pair(path) is not None,
+    lambda path, options: files_layout(path, [_middlebury_pair(path) or (None, None)], options),
+)
 
 TUM_CAMERA = Camera(640, 480, 525.0, 525.0, 319.5, 239.5)
 """What the benchmark recommends where a sequence is not calibrated (Kinect's nominal values)."""

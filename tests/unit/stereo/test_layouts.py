@@ -105,9 +105,9 @@ def test_kitti_odometry_sequence_has_its_times_and_projections(tmp_path):
 
 
 def test_middlebury_pair_is_one_frame(tmp_path):
-    (write_images(tmp_path, "im0.png", "im1.png") / MIDDLEBURY).write_text(CALIBRATIONS[MIDDLEBURY])
+    (write_images(tmp_path, "im0.png", "im1.png", "im1E.png") / MIDDLEBURY).write_text(CALIBRATIONS[MIDDLEBURY])
     recording = open_recording(tmp_path)
-    assert find_reader(tmp_path).key == "folders"
+    assert find_reader(tmp_path).key == "middlebury"
     assert len(list(recording)) == 1 and recording.sensor.rig.baseline_m == pytest.approx(0.12)
 
 
