@@ -252,9 +252,8 @@ def _unfit_for_table(people: Sequence[TrackState]) -> str:
             return f"the id {person.track_id} twice"
         if person.state not in STATES:
             return f"the state {person.state!r}"
-        box: object = person.box_px
-        if not isinstance(box, Sequence | np.ndarray) or len(box) != 4 or not all(isinstance(n, Real) for n in box):
-            return f"the box {box!r}"
+        if np.shape(person.box_px) != (4,) or not all(isinstance(side, Real) for side in person.box_px):
+            return f"the box {person.box_px!r}"
         for name in ("x_m", "y_m", "vx_mps", "vy_mps", "height_m", *LAST_COLUMNS):
             value = getattr(person, name)
             if not isinstance(value, Real):
@@ -268,7 +267,7 @@ def refuse_tracker(tracker: object, names: Sequence[str]) -> None:
         if tracker not in names:
             _refuse(f"one of {', '.join(names)}", repr(tracker))
     elif isinstance(tracker, type) or not isinstance(tracker, Tracker):
-        _refuse("an object with update, decisions, debug, reset and needs", f"{tracker!r:.80}")
+        _refuse("an object with update, decisions, debug, reset and needs", repr(tracker))
 
 
 class Living(Protocol):

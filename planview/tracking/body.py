@@ -165,6 +165,7 @@ ANGLES = 25
 FACINGS = 16
 """Directions of facing in a table, 22.5 degrees apart."""
 FACINGS_PER_RAD = FACINGS / (2.0 * math.pi)
+HALF_TURN_RAD = [facing / FACINGS_PER_RAD for facing in range(FACINGS // 2 + 1)]
 TABLE_CELL_M = 0.025
 """Side of a cell of a table, across and up [m]."""
 BLUR_M = 0.04
@@ -182,44 +183,42 @@ def body_table() -> BodyTable:
     cover: list[F32] = []
     front: list[F32] = []
     for lean_m in (0.0, LEAN_M):
-        half = []
-        for facing in range(FACINGS // 2 + 1):
-            half.append(build_table(parts, 2 * math.pi * facing / FACINGS, lean_m))
+        half = build_table(parts, HALF_TURN_RAD, lean_m)
         for facing in range(FACINGS):
             # Seen from its right a body is the mirror image of itself seen from its left.
             mirror = slice(None, None, 1 if facing <= FACINGS // 2 else -1)
-            table = half[min(facing, FACINGS - facing)]
-            cover.append(table.cover[0, :, mirror])
-            front.append(table.front[0, :, mirror])
-    return half[0]._replace(cover=np.stack(cover), front=np.stack(front))
+            turned = min(facing, FACINGS - facing)
+            cover.append(half.cover[turned, :, mirror])
+            front.append(half.front[turned, :, mirror])
+    return half._replace(cover=np.stack(cover), front=np.stack(front))
 
 
 @lru_cache(maxsize=1)
 def thing_tables() -> tuple[BodyTable, ...]:
-    """Tables of things, scaled as bodies are."""
+    """Tables of things, scaled as bodies are; front and back look the same."""
     tables = []
     for bottom, slimness, depth in THINGS:
         part = BodyPart(((bottom, 1.0, slimness * TORSO.height_m, depth),), BLUR_M)
-        ways = []
-        for way in range(FACINGS // 2 if depth < 1.0 else 1):  # front and back look the same
-            ways.append(build_table((part,), 2 * math.pi * way / FACINGS, u_cells=2 * U_CELLS))
-        cover = np.concatenate([table.cover for table in ways])
-        front = np.concatenate([table.front for table in ways])
-        tables.append(ways[0]._replace(cover=cover, front=front))
+        turns_rad = HALF_TURN_RAD[:-1] if depth < 1.0 else HALF_TURN_RAD[:1]
+        tables.append(build_table((part,), turns_rad, u_cells=2 * U_CELLS))
     return tuple(tables)
 
 
 def build_table(
-    parts: Sequence[BodyPart], turn_rad: float | None = None, lean_m: float = 0.0, u_cells: int = U_CELLS
+    parts: Sequence[BodyPart],
+    turns_rad: Sequence[float | None] = (None,),
+    lean_m: float = 0.0,
+    u_cells: int = U_CELLS,
 ) -> BodyTable:
-    """Table of one posture: of the parts on a ray, the likeliest one; see ``enter_cylinders``."""
+    """Table of some postures: of the parts on a ray, the likeliest one; see ``enter_cylinders``."""
     across = _cell_centres(u_cells)[:, None]
     up = _cell_centres(W_CELLS)[None, :]
     angles = np.deg2rad(ANGLE_MIN_DEG + ANGLE_STEP_DEG * np.arange(ANGLES))
-    cover = np.empty((1, ANGLES, u_cells, W_CELLS), np.float32)
+    cover = np.empty((len(turns_rad), ANGLES, u_cells, W_CELLS), np.float32)
     front = np.empty_like(cover)
-    for a, depression in enumerate(angles.tolist()):
-        cover[0, a], front[0, a] = _render_parts(parts, depression, across, up, turn_rad, lean_m)
+    for k, turn_rad in enumerate(turns_rad):
+        for a, depression in enumerate(angles.tolist()):
+            cover[k, a], front[k, a] = _render_parts(parts, depression, across, up, turn_rad, lean_m)
     lowest_m = -W_CELLS * TABLE_CELL_M / 2
     return BodyTable(cover, front, float(angles[0]), float(np.deg2rad(ANGLE_STEP_DEG)), TABLE_CELL_M, lowest_m)
 
@@ -301,6 +300,4 @@ def _nonzero(value: float) -> float:
 
 def lean_share(height: float) -> float:
     """Share of the head's lean in that of a part that begins at a relative height: shoulders half."""
-    if height >= NECK_FROM:
-        return 1.0
-    return 0.5 if height >= CHEST_FROM else 0.0
+    return 0.5 * (height >= CHEST_FROM) + 0.5 * (height >= NECK_FROM)

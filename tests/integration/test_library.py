@@ -165,7 +165,7 @@ def test_arguments_of_another_type_are_refused_by_name(recording: Path, tmp_path
         planview.open_engine(recording, config=[1])  # type: ignore[arg-type]
     with pytest.raises(InputError, match="options=: expected OpenOptions, found dict"):
         planview.open_engine(recording, options={"fps": 30.0})  # type: ignore[arg-type]
-    with pytest.raises(InputError, match=r"tracker=: expected an object with .*, found a class"):
+    with pytest.raises(InputError, match=r"tracker=: expected an object with .*, found <class"):
         planview.open_engine(recording, EllipseParticleTracker)  # type: ignore[arg-type]
     (tracker := EllipseParticleTracker()).foreground_columns = "a"  # type: ignore[assignment]
     with pytest.raises(InputError, match="tracker=: expected foreground_columns above 0 or None, found 'a'"):

@@ -209,7 +209,7 @@ class Surroundings(NamedTuple):
 
     def residual(self, own: F64) -> F64:
         """Mask less the union with an ellipse that covers ``own`` of each cell."""
-        return np.asarray(self.mask - 1.0 + self.others * (1.0 - own))
+        return self.mask - 1.0 + self.others * (1.0 - own)
 
 
 def cost(ellipse: F64, own: F64, cells: Surroundings, size: Size) -> float:

@@ -64,11 +64,11 @@ class Size(NamedTuple):
 
     def half_lengths(self, rows: F64) -> F64:
         """Half lengths expected in rows, float64 of their shape."""
-        return np.asarray(np.maximum(self.least, self.level + self.slope * rows))
+        return np.maximum(self.least, self.level + self.slope * rows)
 
     def cells_per_m(self, rows: F64) -> F64:
         """Cells per metre where an object is centred in rows, float64 of their shape."""
-        return np.asarray(2.0 * self.aspect / BREADTH_M * self.half_lengths(rows))
+        return 2.0 * self.aspect / BREADTH_M * self.half_lengths(rows)
 
     def on(self, scale: float) -> Size:
         """This size, in pixels, on a grid of cells of ``scale`` pixels; pixel and cell 0 share their corner."""
@@ -181,7 +181,7 @@ class Line(NamedTuple):
     @property
     def one(self) -> Bool:
         """(N,) true for the regions that are one person."""
-        return np.asarray(np.abs(self.away) < 1.5)
+        return np.abs(self.away) < 1.5
 
 
 def fit_size(regions: F64, level_only: bool = False) -> tuple[Size, float]:
@@ -259,7 +259,7 @@ def log_density(ratio: F64, cut: Bool) -> F64:
     bell = np.exp(-0.5 * (away / std) ** 2)
     any_part = np.where(ratio < 1, ratio, bell)
     one = np.where(cut, any_part, bell / (math.sqrt(2 * math.pi) * std))
-    return np.asarray(np.log(ONE * one + (1 - ONE) * 0.5 * np.exp(-np.abs(away))))
+    return np.log(ONE * one + (1 - ONE) * 0.5 * np.exp(-np.abs(away)))
 
 
 def find_regions(foreground: U8, motion: U8 | None, before: F64) -> tuple[F64, F64]:

@@ -440,7 +440,7 @@ class EllipseParticleTracker(Carried):
 
     def _px(self, xy: F64) -> F64:
         """(..., 2) pixels of fractional cells."""
-        return np.asarray(xy * self._scale + (self._scale - 1) / 2)
+        return xy * self._scale + (self._scale - 1) / 2
 
     def _outline(self, ellipse: F64) -> F32:
         """(33, 2) float32 closed outline [px]."""
