@@ -35,7 +35,7 @@ REFUSED = {
     "negatives/truncated.mcap": "mcap recover",
     "negatives/fake.svo": "ZED SDK",
     "mcap-foxglove/custom-camera-model.mcap": "write its images into folders",
-    "side-by-side/not_stereo_depth_and_rgb.mp4": "depth next to its colour image",
+    "side-by-side/not_stereo_depth_and_rgb.mp4": "depth in a video is not read",
 }
 
 
