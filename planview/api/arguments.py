@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -113,3 +115,16 @@ def read_or_given(tracks: Trajectories | DataFrame | Path | str) -> tuple[Trajec
         return table_of(tracks), None
     path = tracks_file(Path(tracks))
     return load_tracks(path), RunFolder.around(path)
+
+
+@contextmanager
+def log_errors_only(quiet: bool) -> Iterator[None]:
+    """Keep warnings out of planview's loggers while work goes on, where it is to be ``quiet``."""
+    logger = logging.getLogger("planview")
+    before = logger.level
+    if quiet:
+        logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)

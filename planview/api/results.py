@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast, get_args
 
 from calib.errors import InputError
-from planview.api.arguments import Frames, frame_span, in_range, one_of, path_of, table_of
+from planview.api.arguments import Frames, frame_span, in_range, log_errors_only, one_of, path_of, table_of
 from planview.api.result import Result, table_text
 from planview.output.plot import PANELS, NamedTracks, Panel, figure_of, floor_picture, save_figure
 from planview.output.report.page import differing_settings, write_report
@@ -127,6 +127,7 @@ def render(
     no_truth: bool = False,
     no_plan: bool = False,
     progress: Progress = unseen,
+    quiet: bool = False,
 ) -> Path:
     """Draw a run as a video or a picture.
 
@@ -150,6 +151,7 @@ def render(
         no_truth: Do not mark the true people.
         no_plan: Leave out the floor from above.
         progress: Called after every frame.
+        quiet: Log errors only.
 
     Returns:
         The video or picture.
@@ -173,4 +175,6 @@ def render(
         return render_frame(composer, results, frame, path or folder / f"frame-{frame}.png")
     first, last = (0, results.n_frames) if frames is None else frame_span(frames)
     log.debug("drawing")
-    return render_frames(composer, results, range(first, last + 1, every), path or folder / "scene.webm", progress)
+    shown = range(first, last + 1, every)
+    with log_errors_only(quiet):
+        return render_frames(composer, results, shown, path or folder / "scene.webm", progress)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from calib.errors import InputError
 from calib.formats.one_camera import holds_one_camera
 from calib.ground_camera import GroundCamera
-from planview.api.arguments import Frames, Settings, frame_span, in_range, opening, path_of, settings
+from planview.api.arguments import Frames, Settings, frame_span, in_range, log_errors_only, opening, path_of, settings
 from planview.api.result import Result
 from planview.engine.engine import Engine
 from planview.engine.open import AnyTracker, ImageTrackerName, base_config, open_engine
@@ -52,6 +52,7 @@ def run(
     view: bool | LiveViewer = False,
     watch: Watch | None = None,
     progress: Progress = unseen,
+    quiet: bool = False,
     overwrite: bool = False,
     resume: bool = False,
     checkpoint_every: float = 30.0,
@@ -98,6 +99,7 @@ def run(
             is printed.
         watch: Called after every frame.
         progress: Called with how many frames are done, and how many there are in all.
+        quiet: Log errors only.
         overwrite: Replace the results of an earlier run in the folder.
         resume: Resume the run that was interrupted or killed in this folder: the same results as without interruption.
         checkpoint_every: Time between two checkpoints to resume from, in seconds; 0 for none.
@@ -146,7 +148,8 @@ def run(
         log.debug("opening the recording, aligning rows, finding the floor")
         engine = open_engine(path, tracker, parameters, camera, options, matcher, detections)
     viewer = LiveViewer() if view is True else view or None
-    return track(engine, spec, watch, progress, viewer)
+    with log_errors_only(quiet):
+        return track(engine, spec, watch, progress, viewer)
 
 
 def _refuse_opened(arguments: Mapping[str, object]) -> None:
@@ -169,6 +172,7 @@ def replay(
     matcher: Matcher | None = None,
     out: Path | str | None = None,
     progress: Progress = unseen,
+    quiet: bool = False,
 ) -> Result[Trajectories]:
     """Track a run again up to a frame with a parameter changed, and show what differs.
 
@@ -187,6 +191,7 @@ def replay(
         matcher: The one that the run was tracked with, where it was one of your own.
         out: Picture to write; replay-N.png in the folder when not given.
         progress: Called after every frame.
+        quiet: Log errors only.
 
     Returns:
         The tracks up to the frame.
@@ -200,7 +205,8 @@ def replay(
     config = settings(None, overrides, results.config)
     picture = path_of(out) or results.path / f"replay-{frame}.png"
     log.debug("tracking")
-    replayed = replay_run(results, config, frame, progress, matcher)
+    with log_errors_only(quiet):
+        replayed = replay_run(results, config, frame, progress, matcher)
     write_difference(results, replayed, frame, ", ".join(overrides) or "again", picture)
     text = "\n".join(difference_text(results, replayed, frame))
     return Result(replayed.results.tracks, text, {"source": str(replayed.source)}, files=[picture])

@@ -104,9 +104,9 @@ def command(
         for place, (title, members) in enumerate((groups or {}).items())
         for name in members.split()
     }
-    switches = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False) for name in own]
+    switches = {name: inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False) for name in own}
     shown = []
-    for one in [*signature.parameters.values(), *switches]:
+    for one in (dict(signature.parameters) | switches).values():
         if one.name in own:
             kind: Any = Annotated[bool, Parameter(negative="", help=own[one.name])]
         elif one.name in (types or {}):

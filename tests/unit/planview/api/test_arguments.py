@@ -1,0 +1,15 @@
+"""Arguments that functions share."""
+
+import logging
+
+import pytest
+
+from planview.api.arguments import log_errors_only
+
+
+def test_quiet_work_logs_no_warning(caplog: pytest.LogCaptureFixture) -> None:
+    log = logging.getLogger("planview.anything")
+    with log_errors_only(quiet=True):
+        log.warning("dark images")
+    log.warning("light images")
+    assert [record.message for record in caplog.records] == ["light images"]
