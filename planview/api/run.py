@@ -87,7 +87,7 @@ def run(
             of what moves; one camera only.
         matcher: Of stereo pairs; SGBM when None.
         config: TOML file with parameters of a run, a table per stage.
-        overrides: One parameter, e.g. ``overrides`` foreground.learning_rate=0.002; can be repeated.
+        overrides: One parameter, e.g. foreground.learning_rate=0.002; can be repeated.
         refine: Refine the tracks afterwards, knowing the whole recording.
         rules: rules.toml with tripwires and zones to count while tracking.
         rrd: Also write run.rrd, which the viewer opens.
