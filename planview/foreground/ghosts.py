@@ -137,7 +137,7 @@ def find_still(blobs: Blobs, moved: U8 | Bool) -> U8:
 def _is_still(blobs: Blobs, motion: U8 | Bool) -> Bool:
     """(n,) whether each blob is large enough and hardly any of it moves."""
     moving = np.bincount(blobs.labels[motion > 0], minlength=len(blobs)) / np.maximum(1, blobs.area_px)
-    return np.asarray((moving <= GHOST_MOTION) & (blobs.area_px >= GHOST_AREA_PX))
+    return (moving <= GHOST_MOTION) & (blobs.area_px >= GHOST_AREA_PX)
 
 
 def find_uncovered(luma: U8, background: U8, mask: U8) -> U8:
@@ -189,7 +189,7 @@ def _steps(luma: U8) -> F32:
     """(H, W) float32 step [levels] across each pixel, by the 3x3 Sobel operators, whose gain is 4."""
     across = cv2.Sobel(luma, cv2.CV_32F, 1, 0, ksize=3)
     along = cv2.Sobel(luma, cv2.CV_32F, 0, 1, ksize=3)
-    return np.asarray(cv2.magnitude(across, along) / np.float32(4.0))
+    return cv2.magnitude(across, along) / np.float32(4.0)
 
 
 def paint_blobs(blobs: Blobs, chosen: Bool) -> U8:

@@ -113,7 +113,7 @@ class ViewRenderer:
         self._depth = self._solid.cast(self._rays).depth
         hit, at = self._see(self._rays, self._pixel_rad)
         self._points = np.zeros((len(self._rays), 3), np.float32)
-        self._normals = np.zeros((len(self._rays), 3), np.float32)
+        self._normals = np.zeros_like(self._points)
         self._points[hit] = at.points
         self._normals[hit] = at.normals
         glossy = np.flatnonzero(at.gloss > 0)
@@ -128,7 +128,8 @@ class ViewRenderer:
 
     def render(self, actors: list[Actor], t: float) -> Layer:
         """The frame at a time [s]."""
-        moving = Tracer(join([actor.mesh for actor in actors]) if actors else None)
+        meshes = [actor.mesh for actor in actors]
+        moving = Tracer(join(meshes) if meshes else None)
         linear = self._light_room(t, moving)
         depth, owner, silhouettes = self._composite(actors)
         alone = []
@@ -141,7 +142,8 @@ class ViewRenderer:
                 at = surfaces(hits, actors[k].mesh, self._rays[index], self._palette, self._pixel_rad, shown)
                 linear[index[shown]] = self._shader.colour(at, t, moving)
         shape = (self._view.height, self._view.width)
-        return Layer(linear.reshape(*shape, 3), depth.reshape(shape), owner.reshape(shape), alone, boxes)
+        image = linear.reshape(*shape, 3)
+        return Layer(image, depth.reshape(shape), owner.reshape(shape), alone, boxes)
 
     def owner(self, actors: list[Actor]) -> I32:
         """(H, W) int32 ``Layer.owner`` of a frame, without its light."""
@@ -228,7 +230,7 @@ class ViewRenderer:
 
     def _pixels(self, rows: I64, columns: I64) -> I64:
         """Index of every pixel of rows and columns."""
-        return np.asarray((rows[:, None] * self._view.width + columns).ravel(), np.int64)
+        return (rows[:, None] * self._view.width + columns).ravel()
 
     def _enlarge(self, values: F32, step: int) -> F32:
         """Values of every step-th pixel for all, linear between."""

@@ -287,7 +287,7 @@ def _pixel_levels(level: np.float32, share: F32 | None) -> np.float32 | F32:
     """A light's level, or (N, 1) levels by the share of it that reaches every pixel."""
     if share is None:
         return level
-    return np.asarray((level * share)[:, None])
+    return (level * share)[:, None]
 
 
 class Shader:

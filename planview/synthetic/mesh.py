@@ -156,16 +156,15 @@ def sweep(rings: ArrayLike, material: int, segments: int = 14) -> Mesh:
 
 def smooth(vertices: F64, triangles: I64, material: int) -> Mesh:
     """A mesh with averaged normals; its local coordinates are its vertices."""
-    corners = vertices.astype(np.float64)
-    first, second, third = corners[triangles.T]
+    first, second, third = vertices[triangles.T]
     face = np.cross(second - first, third - first)
-    normals = np.zeros_like(corners)
+    normals = np.zeros_like(vertices)
     for k in range(3):
         np.add.at(normals, triangles[:, k], face)
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     # The ring of a pole has one position and as many vertices as segments: share their normal.
     normals = np.where(length > 1e-12, normals / np.maximum(length, 1e-12), [0.0, 0.0, 1.0])
-    rounded = corners.astype(np.float32)
+    rounded = vertices.astype(np.float32)
     materials = np.full(len(triangles), material, np.int32)
     return Mesh(rounded, normals.astype(np.float32), rounded, triangles.astype(np.int32), materials)
 
@@ -175,10 +174,14 @@ def dome_rings(
 ) -> F64:
     """Rings of an ellipsoid from pole to pole, for ``sweep``."""
     latitude = np.linspace(-np.pi / 2, np.pi / 2, n)
-    z = (z_low + z_high) / 2 + (z_high - z_low) / 2 * np.sin(latitude)
+    middle = (z_low + z_high) / 2
     share = np.cos(latitude)
     share[[0, -1]] = 0.0
-    return np.column_stack([z, half[0] * share, half[1] * share, np.full(n, centre[0]), np.full(n, centre[1])])
+    rings = np.empty((n, 5))
+    rings[:, 0] = middle + (z_high - z_low) / 2 * np.sin(latitude)
+    rings[:, 1:3] = np.outer(share, half)
+    rings[:, 3:] = centre
+    return rings
 
 
 def limb_rings(length: float, radii: Sequence[float]) -> F64:

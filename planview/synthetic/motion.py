@@ -108,13 +108,16 @@ class Motion:
         def mix(values: F64) -> F64:
             return np.asarray((1 - share) * values[before] + share * values[before + 1])
 
-        return mix(self.xy), float(mix(self.heading)), float(mix(self.phase)), float(mix(self.speed)), mix(self.actions)
+        heading = float(mix(self.heading))
+        phase = float(mix(self.phase))
+        speed = float(mix(self.speed))
+        return mix(self.xy), heading, phase, speed, mix(self.actions)
 
 
 def _interpolate(times: F64, known_times: F64, xy: F64) -> F64:
     """(N, 2) places at times, linear between those that are given."""
-    x, y = xy.T
-    return np.column_stack([np.interp(times, known_times, x), np.interp(times, known_times, y)])
+    axes = [np.interp(times, known_times, axis) for axis in xy.T]
+    return np.column_stack(axes)
 
 
 class _Script:
@@ -226,7 +229,8 @@ def motion_from_ticks(
 
 def step_length_m(height_m: float, speed_mps: F64) -> F64:
     """Length of a step: 0.41 body heights at 1.35 m/s, growing with the root of the speed."""
-    return np.asarray(0.41 * height_m * np.sqrt(np.maximum(speed_mps, 0.15) / 1.35))
+    relative = np.maximum(speed_mps, 0.15) / 1.35
+    return 0.41 * height_m * np.sqrt(relative)
 
 
 def _walk(script: _Script, step: Walk) -> None:
@@ -243,7 +247,9 @@ def _walk(script: _Script, step: Walk) -> None:
 
 def _sit(script: _Script, seconds: float, chair: Furniture, face: float) -> None:
     """Step back onto a chair, sit and stand up."""
-    front = face if np.isfinite(face) else float(np.deg2rad(chair.heading_deg))
+    front = face
+    if np.isnan(front):
+        front = float(np.deg2rad(chair.heading_deg))
     seat = np.asarray(chair.at_m, np.float64)
     ahead = np.array([np.cos(front), np.sin(front)])
     before = seat + HIPS_BACK_M * ahead
@@ -292,7 +298,8 @@ def wander(scene: Scene, scripted: Sequence[Motion]) -> list[Motion]:
     obstacles = Obstacles(scene.room, scene.furniture)
     for walker in walkers.values():
         _new_goal(walker, obstacles)
-    for k in range(int((scene.duration_s + 1) / WALK_STEP_S) + 1):
+    n_steps = int((scene.duration_s + 1) / WALK_STEP_S) + 1
+    for k in range(n_steps):
         _advance(k * WALK_STEP_S, walkers, scripted, obstacles)
     motions = list(scripted)
     for i, walker in walkers.items():
@@ -312,9 +319,10 @@ def _advance(t: float, walkers: dict[int, _Walker], scripted: Sequence[Motion], 
                 velocities.append(walker.velocity)
                 owners.append(i)
         elif motion.exists(t):
-            here = motion.at(t)[0]
+            here, *_ = motion.at(t)
+            there, *_ = motion.at(t + 0.1)
             places.append(here)
-            velocities.append((motion.at(t + 0.1)[0] - here) / 0.1)
+            velocities.append((there - here) / 0.1)
             owners.append(i)
     where = np.array(places).reshape(-1, 2)
     moving = np.array(velocities).reshape(-1, 2)
@@ -335,15 +343,17 @@ def _step(walker: _Walker, t: float, others: F64, moving: F64, obstacles: Obstac
     desired = to_goal / max(distance, 1e-9) * speed
     angle = np.arctan2(to_goal[1], to_goal[0]) + _FAN_TURNS
     directions = np.stack([np.cos(angle), np.sin(angle)], -1)
-    fan = max(speed, 0.4) * _FAN_SPEEDS[:, None, None] * directions
-    candidates = np.concatenate([desired[None], np.zeros((1, 2)), fan.reshape(-1, 2)])
+    speeds = max(speed, 0.4) * _FAN_SPEEDS[:, None, None]
+    fan = (speeds * directions).reshape(-1, 2)
+    stop = np.zeros(2)
+    candidates = np.vstack([desired, stop, fan])
     cost = np.linalg.norm(candidates - desired, axis=1)
     cost += 0.35 * np.linalg.norm(candidates - walker.velocity, axis=1)
     cost += _danger(walker.place, candidates, others, moving)
     for ahead_s in (0.25, 0.6, 1.0):
-        gap = obstacles.distance(walker.place + ahead_s * candidates)
-        lacking = np.clip(CLEARANCE_M - gap, 0, CLEARANCE_M)
-        cost += 6.0 * lacking / CLEARANCE_M / (0.5 + ahead_s)
+        gap_m = obstacles.distance(walker.place + ahead_s * candidates)
+        lacking_m = np.clip(CLEARANCE_M - gap_m, 0, CLEARANCE_M)
+        cost += 6.0 * lacking_m / CLEARANCE_M / (0.5 + ahead_s)
     best = candidates[int(np.argmin(cost))]
     walker.velocity = 0.45 * walker.velocity + 0.55 * best
     walker.place = walker.place + walker.velocity * WALK_STEP_S
@@ -356,8 +366,9 @@ def _danger(place: F64, candidates: F64, others: F64, moving: F64) -> F64:
     offset = others - place
     relative = moving[None] - candidates[:, None]
     square = np.maximum((relative**2).sum(-1), 1e-9)
+    nearing = -(offset * relative).sum(-1)
     # At most 2.5 s ahead.
-    when_s = np.clip(-(offset * relative).sum(-1) / square, 0, 2.5)
+    when_s = np.clip(nearing / square, 0, 2.5)
     closest_m = np.linalg.norm(offset + relative * when_s[..., None], axis=-1)
     soon_m = np.linalg.norm(offset + relative * 0.3, axis=-1)
     too_close_m = np.clip(PERSONAL_M + 0.1 - closest_m, 0, None)
@@ -372,7 +383,8 @@ def _think(walker: _Walker, t: float, obstacles: Obstacles) -> None:
     plan = walker.wander
     exits = plan.exit_m
     distance = float(np.linalg.norm(walker.goal - walker.place))
-    if plan.until_s is not None and t >= plan.until_s and exits and walker.leaving < 0:
+    is_time = plan.until_s is not None and t >= plan.until_s
+    if is_time and exits and walker.leaving < 0:
         walker.leaving = 0
         walker.rest_until = t
         _aim(walker, exits[0])
@@ -395,9 +407,10 @@ def _think(walker: _Walker, t: float, obstacles: Obstacles) -> None:
         elif walker.stuck_s > 1.5 and walker.leaving >= 0:
             # Around an obstacle in the way to the exit: a random place nearby first, then on.
             if walker.detour:
-                _aim(walker, walker.wander.exit_m[walker.leaving])
+                _aim(walker, exits[walker.leaving])
             else:
-                _aim(walker, walker.place + walker.rng.uniform(-1.5, 1.5, 2), detour=True)
+                nearby = walker.place + walker.rng.uniform(-1.5, 1.5, 2)
+                _aim(walker, nearby, detour=True)
 
 
 def _aim(walker: _Walker, goal: ArrayLike, *, detour: bool = False) -> None:
@@ -409,11 +422,12 @@ def _aim(walker: _Walker, goal: ArrayLike, *, detour: bool = False) -> None:
 
 def _new_goal(walker: _Walker, obstacles: Obstacles) -> None:
     x0, y0, x1, y1 = walker.wander.area_m
+    far_m = 0.35 * min(x1 - x0, y1 - y0)
     for _ in range(50):
         goal = walker.rng.uniform([x0, y0], [x1, y1])
-        is_far = np.linalg.norm(goal - walker.place) > 0.35 * min(x1 - x0, y1 - y0)
-        is_free = obstacles.distance(goal[None])[0] > CLEARANCE_M + 0.1
-        if is_far and is_free:
+        distance_m = np.linalg.norm(goal - walker.place)
+        gap_m = float(obstacles.distance(goal[None])[0])
+        if distance_m > far_m and gap_m > CLEARANCE_M + 0.1:
             break
     walker.speed = float(walker.rng.uniform(*walker.wander.speed_mps))
     _aim(walker, goal)
@@ -421,12 +435,16 @@ def _new_goal(walker: _Walker, obstacles: Obstacles) -> None:
 
 def _join_walk(scripted: Motion, walker: _Walker) -> Motion:
     """Steps first, then the walk, as one motion."""
-    n = max(1, round((walker.begin - scripted.first_s) * TICK_HZ))
+    steps_s = walker.begin - scripted.first_s
+    n_steps = max(1, round(steps_s * TICK_HZ))
     n_walk = len(walker.track) * int(TICK_HZ * WALK_STEP_S)
     track = np.array(walker.track or [walker.place])
     track_s = np.arange(len(track), dtype=np.float64) * WALK_STEP_S
-    walk = _interpolate(np.arange(n_walk) / TICK_HZ, track_s, track)
-    xy = np.concatenate([scripted.raw_xy[:n], walk])
-    face = np.concatenate([scripted.raw_face[:n], np.full(n_walk, np.nan)])
-    actions = np.concatenate([scripted.raw_actions[:n], np.zeros((n_walk, len(ACTIONS)))])
+    walk_s = np.arange(n_walk) / TICK_HZ
+    walk = _interpolate(walk_s, track_s, track)
+    along_the_way = np.full(n_walk, np.nan)
+    upright = np.zeros((n_walk, len(ACTIONS)))
+    xy = np.concatenate([scripted.raw_xy[:n_steps], walk])
+    face = np.concatenate([scripted.raw_face[:n_steps], along_the_way])
+    actions = np.concatenate([scripted.raw_actions[:n_steps], upright])
     return motion_from_ticks(walker.person, xy, face, actions, scripted.handlings, walker.gone_s)

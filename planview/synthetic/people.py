@@ -6,6 +6,7 @@ in fractions of the standing height: ankle 0.039, knee 0.285, hip 0.530, shoulde
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -139,7 +140,8 @@ class Body:
     def _arm(self, pose: Pose, side: int, chest: F64) -> tuple[list[Mesh], F64]:
         """The parts of an arm, and its hand (3,)."""
         sign = SIGNS[side]
-        shoulder = chest @ np.array([0.0, sign * 0.105 * self.height_m, (SHOULDER - HIP) * self.height_m])
+        out = np.array([0.0, sign * 0.105 * self.height_m, 0.0])
+        shoulder = chest @ (out + self._up(SHOULDER - HIP))
         upper = chest @ rotation_x(sign * pose.abduct[side]) @ rotation_y(-pose.shoulder[side])
         elbow = shoulder + upper @ self._up(-UPPER_ARM)
         lower = upper @ rotation_y(-pose.elbow[side])
@@ -207,17 +209,21 @@ def _head(height: float, style: str, skin: int, hair: int) -> Mesh:
 
     def dome(bottom: float, end: float, depth: float, width: float, ahead: float, n: int = 9) -> F64:
         """Rings of an ellipsoid, its half sizes and its centre in fractions of the height."""
-        return dome_rings(bottom, end, (depth * height, width * height), (ahead * height, 0.0), n)
+        half = (depth * height, width * height)
+        return dome_rings(bottom, end, half, (ahead * height, 0.0), n)
 
-    skull_top = top if style == "bald" else top - 0.004 * height
-    skull = sweep(dome(low, skull_top, 0.056, 0.044, 0.004), skin, 16)
-    nose = sweep(dome(low + 0.045 * height, low + 0.065 * height, 0.010, 0.008, 0.060, n=5), skin, 8)
-    parts = [skull, nose]
+    skull_top = top
+    parts = []
     if style != "bald":
-        parts.append(sweep(dome(top - 0.105 * height, top, 0.053, 0.048, -0.006), hair, 16))
+        skull_top -= 0.004 * height
+        crown = dome(top - 0.105 * height, top, 0.053, 0.048, -0.006)
+        parts.append(sweep(crown, hair, 16))
     if style == "long":
-        parts.append(sweep(dome(top - 0.20 * height, top - 0.02 * height, 0.028, 0.05, -0.035), hair))
-    return join(parts)
+        back = dome(top - 0.20 * height, top - 0.02 * height, 0.028, 0.05, -0.035)
+        parts.append(sweep(back, hair))
+    skull = dome(low, skull_top, 0.056, 0.044, 0.004)
+    nose = dome(low + 0.045 * height, low + 0.065 * height, 0.010, 0.008, 0.060, n=5)
+    return join([sweep(skull, skin, 16), sweep(nose, skin, 8), *parts])
 
 
 def _limb(height: float, length: float, radii: tuple[float, ...], build: float, material: int) -> Mesh:
@@ -229,7 +235,8 @@ def _limb(height: float, length: float, radii: tuple[float, ...], build: float, 
 def _hand(height: float, skin: int) -> Mesh:
     low = -(FOREARM + 0.085) * height
     high = -(FOREARM - 0.01) * height
-    return sweep(dome_rings(low, high, (0.024 * height, 0.013 * height), n=6), skin, 8)
+    half = (0.024 * height, 0.013 * height)
+    return sweep(dome_rings(low, high, half, n=6), skin, 8)
 
 
 def _foot(height: float, shoes: int) -> Mesh:
@@ -291,9 +298,9 @@ def pose_at(person_index: int, height_m: float, motion: Motion, t: float) -> tup
 def _idle(person_index: int, t: float) -> F64:
     """(6,) slow irregular numbers in about -1..1, different for each person."""
     k = np.arange(6)
-    slow = np.sin(0.61 * t * (1 + 0.13 * k) + 2.1 * k + 5.3 * person_index)
-    fast = np.sin(1.37 * t * (1 - 0.07 * k) + 1.7 * k + 3.1 * person_index)
-    return np.asarray(0.6 * slow + 0.4 * fast)
+    slow_rad = 0.61 * t * (1 + 0.13 * k) + 2.1 * k + 5.3 * person_index
+    fast_rad = 1.37 * t * (1 - 0.07 * k) + 1.7 * k + 3.1 * person_index
+    return 0.6 * np.sin(slow_rad) + 0.4 * np.sin(fast_rad)
 
 
 POSTURES: dict[str, dict[str, float | tuple[float, float]]] = {
@@ -378,7 +385,8 @@ class Cast:
 def furniture_at(item: Furniture, t: float) -> tuple[F64, float, float]:
     """Place (2,), heading [rad] and base height of furniture that is not handled."""
     if not item.moves:
-        return np.asarray(item.at_m, np.float64), float(np.deg2rad(item.heading_deg)), item.z_m
+        place = np.array(item.at_m, np.float64)
+        return place, math.radians(item.heading_deg), item.z_m
     times_s = []
     places = []
     headings_deg = []

@@ -101,18 +101,20 @@ class SensorModel:
         capture = self._capture
         if capture.auto_exposure > 0:
             level = max(float(light.mean()), 1e-4)
-            light = light * np.float32((self._empty_level / level) ** capture.auto_exposure)
+            gain = (self._empty_level / level) ** capture.auto_exposure
+            light = light * np.float32(gain)
         if capture.auto_white_balance > 0:
             means = np.maximum(light.mean(axis=(0, 1)), 1e-4)
-            light = light * ((means.mean() / means) ** capture.auto_white_balance).astype(np.float32)
+            gains = (means.mean() / means) ** capture.auto_white_balance
+            light = light * gains.astype(np.float32)
         return light
 
     def _compress(self, image: U8) -> U8:
-        if not self._capture.jpeg_quality:
+        quality = self._capture.jpeg_quality
+        if not quality:
             return image
-        _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, self._capture.jpeg_quality])
-        flag = cv2.IMREAD_GRAYSCALE if image.ndim == 2 else cv2.IMREAD_COLOR
-        return np.asarray(cv2.imdecode(data, flag), dtype=np.uint8)
+        _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+        return np.asarray(cv2.imdecode(data, cv2.IMREAD_UNCHANGED), dtype=np.uint8)
 
 
 @dataclass(frozen=True)
@@ -256,8 +258,9 @@ class SceneRenderer:
         after = self._cast.at(max(0.0, t + 0.5 * shutter))
         means = []
         for renderer, light in zip(self._renderers, middle, strict=True):
-            total = light + renderer.render(before, t).linear + renderer.render(after, t).linear
-            means.append(np.asarray(total / np.float32(3)))
+            first = renderer.render(before, t).linear
+            last = renderer.render(after, t).linear
+            means.append(np.asarray((light + first + last) / np.float32(3)))
         return means
 
 

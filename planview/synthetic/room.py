@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import get_args
 
 import numpy as np
@@ -129,7 +130,7 @@ def _corridor(room: Room, opening: Opening, floor: int, wall: int, ceiling: int)
     if np.cross(span, out)[2] < 0:
         ground = quad(start + span, -span, out, floor)
     return [
-        Mesh(ground.vertices, ground.normals, ground.vertices, ground.triangles, ground.material),
+        replace(ground, local=ground.vertices),
         quad(start + out, span, up, wall),
         quad(start, out, up, wall),
         quad(start + span, out, up, wall),

@@ -248,7 +248,7 @@ class Light(Params):
     shadows: bool = True
 
     @model_validator(mode="after")
-    def _placed(self) -> Light:
+    def _check_place(self) -> Light:
         if self.kind == "point" and self.at_m is None:
             raise ValueError("expected at_m for a point light, found none")
         if self.kind == "sun" and self.towards is None:

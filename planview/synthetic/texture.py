@@ -18,8 +18,10 @@ def _lattice(x: int, y: int, z: int, seed: int) -> float:
     h = np.uint32(h + np.uint32(y) * np.uint32(668265263))
     h = np.uint32(h + np.uint32(z) * np.uint32(2147483647))
     h = np.uint32(h + np.uint32(seed) * np.uint32(3266489917))
-    h = np.uint32((h ^ (h >> np.uint32(13))) * np.uint32(1274126177))
-    h = np.uint32((h ^ (h >> np.uint32(16))) * np.uint32(2246822519))
+    h = np.uint32(h ^ (h >> np.uint32(13)))
+    h = np.uint32(h * np.uint32(1274126177))
+    h = np.uint32(h ^ (h >> np.uint32(16)))
+    h = np.uint32(h * np.uint32(2246822519))
     h = np.uint32(h ^ (h >> np.uint32(15)))
     return np.float64(h) / 2147483648.0 - 1.0
 
@@ -75,8 +77,9 @@ def fractal_noise(points: F32, footprint: F32, wavelength: F32, octaves: int, se
 
 def linear_colour(colour: str) -> F32:
     """(3,) float32 linear BGR of an sRGB "#rrggbb"."""
-    rgb = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
-    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    rgb = np.array(list(bytes.fromhex(colour[1:]))) / 255.0
+    bright = ((rgb + 0.055) / 1.055) ** 2.4
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, bright)
     return linear[::-1].astype(np.float32)
 
 
@@ -101,9 +104,12 @@ class Palette:
     def add(self, surface: Surface, emission: float = 0.0) -> int:
         """Index of a new material."""
         first = linear_colour(surface.colour)
-        second = linear_colour(surface.colour2) if surface.colour2 else first * np.float32(0.45)
-        self.materials.append(Material(surface, first, second, emission, len(self.materials) * 7919))
-        return len(self.materials) - 1
+        second = first * np.float32(0.45)
+        if surface.colour2:
+            second = linear_colour(surface.colour2)
+        index = len(self.materials)
+        self.materials.append(Material(surface, first, second, emission, seed=index * 7919))
+        return index
 
     @property
     def emission(self) -> F32:
@@ -132,18 +138,22 @@ def _evaluate(material: Material, points: F32, footprint: F32) -> F32:
     mix, shade = _pattern(material, points, footprint)
     grain = _noise(points, footprint, surface.scale_m, 4, material.seed)
     albedo = material.first + mix[:, None] * (material.second - material.first)
-    shaded = albedo * (shade * (1.0 + 1.6 * surface.contrast * grain))[:, None]
+    brightness = shade * (1.0 + 1.6 * surface.contrast * grain)
+    shaded = albedo * brightness[:, None]
     return np.asarray(np.clip(shaded, 0.004, 0.95), np.float32)
 
 
 def _poster(material: Material, points: F32, footprint: F32) -> F32:
     """Blotches in a few colours with lines like writing below."""
     scale_m = material.surface.scale_m
-    blotches = np.clip(0.5 + 2.5 * _noise(points, footprint, scale_m * 2, 3, material.seed), 0, 1)[:, None]
-    lines = np.clip(0.5 + 3.0 * _noise(points, footprint, scale_m, 3, material.seed + 50), 0, 1)[:, None]
-    colour = material.first * (1 - blotches) + material.second * blotches
-    third = material.first[::-1] * 0.7
-    return np.asarray(np.clip(colour * (1 - 0.5 * lines) + 0.5 * lines * third, 0.01, 0.9), np.float32)
+    coarse = _noise(points, footprint, scale_m * 2, 3, material.seed)
+    fine = _noise(points, footprint, scale_m, 3, material.seed + 50)
+    blotches = np.clip(0.5 + 2.5 * coarse, 0, 1)[:, None]
+    lines = np.clip(0.5 + 3.0 * fine, 0, 1)[:, None]
+    paper = material.first * (1 - blotches) + material.second * blotches
+    ink = material.first[::-1] * 0.7
+    colour = paper * (1 - 0.5 * lines) + 0.5 * lines * ink
+    return np.asarray(np.clip(colour, 0.01, 0.9), np.float32)
 
 
 def _pattern(m: Material, p: F32, footprint: F32) -> tuple[F32, F32]:
@@ -155,8 +165,10 @@ def _pattern(m: Material, p: F32, footprint: F32) -> tuple[F32, F32]:
     x, y, z = np.asarray(p, np.float32).T
     match s.texture:
         case "tiles":
-            grout = np.maximum(_line(x, scale_m, 0.006, footprint), _line(y, scale_m, 0.006, footprint))
-            return grout, _tone(m, np.floor(x / scale_m), np.floor(y / scale_m), 0.10)
+            along = _line(x, scale_m, 0.006, footprint)
+            across = _line(y, scale_m, 0.006, footprint)
+            tone = _tone(m, np.floor(x / scale_m), np.floor(y / scale_m), 0.10)
+            return np.maximum(along, across), tone
         case "wood":
             plank = np.floor(y / scale_m)
             board = np.floor(x / (8 * scale_m) + 0.37 * plank)
@@ -164,23 +176,29 @@ def _pattern(m: Material, p: F32, footprint: F32) -> tuple[F32, F32]:
             across = _line(x + 0.37 * plank * 8 * scale_m, 8 * scale_m, 0.003, footprint)
             stretched = p * np.array([0.12, 1.5, 1.5], np.float32)
             grain = _noise(stretched, footprint, 0.08, 4, m.seed + 5)
-            return np.maximum(along, across), _tone(m, board, plank, 0.16) * (1.0 + 0.25 * grain)
+            tone = _tone(m, board, plank, 0.16) * (1.0 + 0.25 * grain)
+            return np.maximum(along, across), tone
         case "carpet":
-            return none, (1.0 + 0.5 * s.contrast * _noise(p, footprint, 0.03, 2, m.seed + 9))
+            pile = _noise(p, footprint, 0.03, 2, m.seed + 9)
+            return none, 1.0 + 0.5 * s.contrast * pile
         case "concrete":
-            return none, (1.0 + 0.6 * s.contrast * _noise(p, footprint, 4 * scale_m, 2, m.seed + 3))
+            stains = _noise(p, footprint, 4 * scale_m, 2, m.seed + 3)
+            return none, 1.0 + 0.6 * s.contrast * stains
         case "stripes":
             return _wave(z, scale_m, footprint), one
         case "checks":
-            both = _wave(z, scale_m, footprint) + _wave(x + y, scale_m, footprint)
-            return np.asarray(both / 2, np.float32), one
+            upright = _wave(z, scale_m, footprint)
+            level = _wave(x + y, scale_m, footprint)
+            return np.asarray((upright + level) / 2, np.float32), one
         case "print":
             blotches = _noise(p, footprint, 2 * scale_m, 3, m.seed + 21)
             return np.clip(0.5 + 3.0 * blotches, 0, 1).astype(np.float32), one
         case "books":
-            gap = np.maximum(_line(x, scale_m, 0.004, footprint), _line(y, 0.33, 0.03, footprint))
+            along = _line(x, scale_m, 0.004, footprint)
+            across = _line(y, 0.33, 0.03, footprint)
             tone = _tone(m, np.floor(x / scale_m), np.floor(y / 0.33), 0.6)
-            return np.clip(gap + (tone - 0.7) * 0.7, 0, 1).astype(np.float32), tone
+            second = np.maximum(along, across) + (tone - 0.7) * 0.7
+            return np.clip(second, 0, 1).astype(np.float32), tone
         case _:
             return none, one
 
@@ -194,18 +212,20 @@ def _noise(p: F32, footprint: F32, scale_m: float, octaves: int, seed: int) -> F
 
 def _tone(m: Material, i: AnyArray, j: AnyArray, amount: float) -> F32:
     """A random brightness per cell of a pattern."""
-    cells = np.column_stack([i, j, np.full(len(i), 0.5)]).astype(np.float32)
-    tiny = np.zeros(len(i), np.float32)
-    n = fractal_noise(cells, tiny, np.ones(len(i), np.float32), 1, m.seed + 77)
-    return np.asarray(1.0 + amount * n / 0.6, np.float32)
+    cells = np.column_stack([i, j, np.full(len(i), 0.5)])
+    a_point = np.zeros(len(i), np.float32)
+    noise = _noise(cells, a_point, 1.0, 1, m.seed + 77)
+    return np.asarray(1.0 + amount * noise / 0.6, np.float32)
 
 
 def _line(v: F32, period: float, width: float, footprint: F32) -> F32:
     """Coverage of thin lines at multiples of the period, averaged over a pixel."""
     distance = np.abs(v - period * np.round(v / period))
     half_pixel = 0.5 * footprint + 1e-6
-    inside = np.minimum(distance + half_pixel, width / 2) - np.maximum(distance - half_pixel, -width / 2)
-    return np.asarray(np.clip(inside / (2 * half_pixel), 0, 1), np.float32)
+    begin = np.maximum(distance - half_pixel, -width / 2)
+    end = np.minimum(distance + half_pixel, width / 2)
+    coverage = (end - begin) / (2 * half_pixel)
+    return np.asarray(np.clip(coverage, 0, 1), np.float32)
 
 
 def _wave(v: F32, period: float, footprint: F32) -> F32:
