@@ -199,7 +199,7 @@ def simple() -> dict[str, tuple[Callable[[Path], object], bytes]]:
     }  # fmt: skip
 
 
-def test_calibration_of_any_format_is_read_or_refused(folder: Path) -> None:
+def test_calibration_of_any_format_is_read_or_refused(folder):
     def read(path: Path) -> None:
         assert MIN_BASELINE_M <= load_rig(path, SIZE).baseline_m <= MAX_BASELINE_M
 
@@ -211,7 +211,7 @@ def test_calibration_of_any_format_is_read_or_refused(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("truth", [False, True])
-def test_trajectories_of_any_format_are_read_or_refused(folder: Path, truth: bool) -> None:
+def test_trajectories_of_any_format_are_read_or_refused(folder, truth):
     def case(seed: int) -> None:
         name, good = trajectories()[seed % len(trajectories())]
         read = partial(load_file, truth=truth)
@@ -221,7 +221,7 @@ def test_trajectories_of_any_format_are_read_or_refused(folder: Path, truth: boo
 
 
 @pytest.mark.parametrize("name", sorted(simple()))
-def test_file_is_read_or_refused(folder: Path, name: str) -> None:
+def test_file_is_read_or_refused(folder, name):
     read, good = simple()[name]
 
     def case(seed: int) -> None:
@@ -231,7 +231,7 @@ def test_file_is_read_or_refused(folder: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("kind", sorted(CASES))
-def test_damaged_recording_is_read_or_refused(kind: str) -> None:
+def test_damaged_recording_is_read_or_refused(kind):
     def case(seed: int) -> None:
         sentence = attempt(kind, seed)
         assert sentence.isprintable() and len(sentence) < 900
@@ -240,7 +240,7 @@ def test_damaged_recording_is_read_or_refused(kind: str) -> None:
     try_all(case, COUNT if NIGHTLY else COUNT // 4)  # they open recordings and resume runs
 
 
-def test_maps_that_are_damaged_are_refused(folder: Path) -> None:
+def test_maps_that_are_damaged_are_refused(folder):
     good = b"\x89HDF\r\n\x1a\n" + dict(trajectories())["ped-data-archive"][8:]
 
     def case(seed: int) -> None:
@@ -251,11 +251,11 @@ def test_maps_that_are_damaged_are_refused(folder: Path) -> None:
 
 
 @given(text=st.text(max_size=60))
-def test_setting_of_any_text_is_taken_or_refused(text: str) -> None:
+def test_setting_of_any_text_is_taken_or_refused(text):
     for override in (text, f"maps.cell_m={text}", f"{text}=1"):
         assert is_clear(message_of(lambda override=override: load_config(None, [override])), "")
 
 
-def test_every_export_format_is_fuzzed() -> None:
+def test_every_export_format_is_fuzzed():
     names: list[ExportName] = list(EXPORTS)
     assert set(names) <= {name for name, _ in trajectories()}

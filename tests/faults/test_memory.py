@@ -60,7 +60,7 @@ def engine(tmp_path: Path) -> Engine:
 
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="resident memory is read from /proc")
 @pytest.mark.parametrize("logs", ["", "maps", "rrd"])
-def test_memory_of_a_long_run_does_not_grow(engine: Engine, tmp_path: Path, logs: str) -> None:
+def test_memory_of_a_long_run_does_not_grow(engine, tmp_path, logs):
     resident: dict[int, int] = {}
 
     def watch(result: FrameResult) -> None:

@@ -73,7 +73,7 @@ def tiny(tmp_path: Path) -> tuple[object, ...]:
     return "suite", "--scenes", tmp_path / "scenes", "--cache", tmp_path / "cache", "--json", "--seed"
 
 
-def test_suite_scores_members_of_a_scene(bench: Bench, tiny: tuple[object, ...], tmp_path: Path) -> None:
+def test_suite_scores_members_of_a_scene(bench, tiny, tmp_path):
     found = json_of(bench(*tiny, 3, "--seed", 4, "--out", tmp_path / "out"))
     scenes = found["online"]["scenes"]
     assert [(scene["scene"], scene["seed"]) for scene in scenes] == [("tiny", 3), ("tiny", 4)]
@@ -83,7 +83,7 @@ def test_suite_scores_members_of_a_scene(bench: Bench, tiny: tuple[object, ...],
     assert (tmp_path / "out" / "tiny-3" / "tracks.csv").is_file()
 
 
-def test_suite_renders_and_tracks_a_member_once(bench: Bench, tiny: tuple[object, ...], tmp_path: Path) -> None:
+def test_suite_renders_and_tracks_a_member_once(bench, tiny, tmp_path):
     first = json_of(bench(*tiny, 3))
     kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*")}
     assert json_of(bench(*tiny, 3)) == first
@@ -91,7 +91,7 @@ def test_suite_renders_and_tracks_a_member_once(bench: Bench, tiny: tuple[object
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_benchmark_has_help_with_an_example(bench: Bench, name: str) -> None:
+def test_every_benchmark_has_help_with_an_example(bench, name):
     status, out, _ = bench(name, "--help")
     assert status == 0 and f"python -m benchmarks {name}" in " ".join(out.split())
 
@@ -112,20 +112,20 @@ def test_every_benchmark_has_help_with_an_example(bench: Bench, name: str) -> No
         (("calibration", "--only", "nothing"), "--only"),
     ],
 )
-def test_what_cannot_be_run_is_refused_in_a_sentence(bench: Bench, words: tuple[str, ...], named: str) -> None:
+def test_what_cannot_be_run_is_refused_in_a_sentence(bench, words, named):
     status, _, err = bench(*words)
     assert status == 2
     assert named in one_sentence(err)
 
 
-def test_real_scores_a_tracker_and_the_baseline(bench: Bench, data: Path) -> None:
+def test_real_scores_a_tracker_and_the_baseline(bench, data):
     rows = json_of(bench("real", "--data", data, "--set", FEW, "--json"))["scores"]
     assert [(row["recording"], row["tracker"]) for row in rows] == [("copy", "joint"), ("copy", "peaks")]
     assert rows[0]["people"] == rows[0]["ids"] == 1
     assert rows[0]["judged"] == rows[0]["positions"] == FRAMES - EMPTY
 
 
-def test_real_prints_a_row_per_tracker(bench: Bench, data: Path) -> None:
+def test_real_prints_a_row_per_tracker(bench, data):
     status, out, _ = bench("real", "--data", data, "--set", FEW)
     head, first, second, *_ = out.splitlines()
     assert status == 0
@@ -133,7 +133,7 @@ def test_real_prints_a_row_per_tracker(bench: Bench, data: Path) -> None:
     assert (first.split()[1], second.split()[1]) == ("joint", "peaks")
 
 
-def test_speed_times_every_stage(bench: Bench, data: Path) -> None:
+def test_speed_times_every_stage(bench, data):
     tables = json_of(bench("speed", "--recording", data / "copy", "--frames", 20, "--set", FEW, "--json"))
     stages = {row["stage"] for row in tables["stages"]}
     assert {"all", "match", "foreground", "track"} <= stages

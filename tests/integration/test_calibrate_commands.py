@@ -6,7 +6,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from cli import Cli, JsonOf, Refused
 from toy_recordings import write_frames
 from toy_run import FEW, Pair
 from toy_stereo import toy_rig, write_toy_recording
@@ -36,7 +35,7 @@ def copy(photos: Path, folder: Path, numbers: tuple[str, ...]) -> Path:
 SIX = ("01", "03", "05", "07", "09", "13")
 
 
-def test_opencv_pairs_reach_the_accuracy_asked(photos: Path, tmp_path: Path, json_of: JsonOf) -> None:
+def test_opencv_pairs_reach_the_accuracy_asked(photos, tmp_path, json_of):
     out = tmp_path / "rig.toml"
     result = json_of("calibrate", "board", photos, "--square", "25mm", "--out", out)
     assert result["stereo_rms_px"] <= 0.25 and result["views_used"] == 13 and result["views_rejected"] == []
@@ -48,7 +47,7 @@ def test_opencv_pairs_reach_the_accuracy_asked(photos: Path, tmp_path: Path, jso
 
 
 @pytest.mark.parametrize("kind", ["RGBA", "12 bits in 16"])
-def test_small_images_of_a_named_board_give_the_rig(kind: str, photos: Path, tmp_path: Path, json_of: JsonOf) -> None:
+def test_small_images_of_a_named_board_give_the_rig(kind, photos, tmp_path, json_of):
     for number in (*SIX, "02", "04"):
         for side in ("left", "right"):
             grey = cv2.imread(str(photos / f"{side}{number}.jpg"), cv2.IMREAD_GRAYSCALE)
@@ -61,13 +60,13 @@ def test_small_images_of_a_named_board_give_the_rig(kind: str, photos: Path, tmp
     assert result["baseline_squares"] == pytest.approx(3.34, rel=0.01)
 
 
-def test_wrong_counts_are_refused(photos: Path, tmp_path: Path, refused: Refused) -> None:
+def test_wrong_counts_are_refused(photos, tmp_path, refused):
     folder = copy(photos, tmp_path / "p", SIX)
     expected = refused("calibrate", "board", folder, "--square", "25mm", "--board", "8x6", "--out", tmp_path / "r.toml")
     assert "expected a board of 8x6 inner corners, found one of 9x6" in expected
 
 
-def test_too_few_blank_mixed_and_unreadable_images_are_refused(photos: Path, tmp_path: Path, refused: Refused) -> None:
+def test_too_few_blank_mixed_and_unreadable_images_are_refused(photos, tmp_path, refused):
     out = ("--square", "25mm", "--board", "9x6", "--out", tmp_path / "r.toml")
     few = copy(photos, tmp_path / "few", SIX[:2])
     assert "found 2 of 2" in refused("calibrate", "board", few, *out)
@@ -84,7 +83,7 @@ def test_too_few_blank_mixed_and_unreadable_images_are_refused(photos: Path, tmp
     assert "left1.png cannot be decoded" in refused("calibrate", "board", blank, *out)
 
 
-def test_pairs_side_by_side_in_a_video_give_the_same_rig(photos: Path, tmp_path: Path, json_of: JsonOf) -> None:
+def test_pairs_side_by_side_in_a_video_give_the_same_rig(photos, tmp_path, json_of):
     frames = [
         np.hstack([cv2.imread(str(photos / f"{side}{n}.jpg")) for side in ("left", "right")])
         for n in (*SIX, "02", "04", "06", "11", "12")
@@ -115,7 +114,7 @@ def files(folder: Path) -> set[str]:
     return {str(p.relative_to(folder)) for p in folder.rglob("*")}
 
 
-def test_check_and_calibration_find_the_floor_of_a_run(small: Path, json_of: JsonOf) -> None:
+def test_check_and_calibration_find_the_floor_of_a_run(small, json_of):
     of_run = set_up(open_recording(small), load_config()).floor
     floor = examine(small, frames=4).floor
     assert floor is not None and floor.world_SE3_left.matrix.tolist() == of_run.world_SE3_left.matrix.tolist()
@@ -123,7 +122,7 @@ def test_check_and_calibration_find_the_floor_of_a_run(small: Path, json_of: Jso
     assert printed["height_m"] == of_run.height_m and printed["inlier_fraction"] == of_run.inlier_fraction
 
 
-def test_configured_search_is_that_of_the_run() -> None:
+def test_configured_search_is_that_of_the_run():
     config = load_config(None, [FEW, "sgbm.block_px=7", "floor.max_height_m=5", "range.nearest_m=1"])
     search = floor_search(config)
     assert (search.frames, search.sgbm, search.floor, search.range) == (4, config.sgbm, config.floor, config.range)
@@ -138,7 +137,7 @@ def test_nothing_is_written_without_a_place_to_write_to_and_how_to_keep_it_is_pr
     assert files(small) == before
 
 
-def test_out_writes_the_floor_and_its_picture_there(cli: Cli, small: Path, tmp_path: Path) -> None:
+def test_out_writes_the_floor_and_its_picture_there(cli, small, tmp_path):
     before = files(small)
     status, printed = cli("calibrate", "floor", small, "--frames", 2, "--out", tmp_path / "new" / "world.toml")
     assert status == 0, printed
@@ -146,7 +145,7 @@ def test_out_writes_the_floor_and_its_picture_there(cli: Cli, small: Path, tmp_p
     assert files(tmp_path / "new") == {"world.toml", "world.png"} and files(small) == before
 
 
-def test_save_gives_the_recording_a_floor_that_runs_take(cli: Cli, own: Path) -> None:
+def test_save_gives_the_recording_a_floor_that_runs_take(cli, own):
     status, printed = cli("calibrate", "floor", own, "--frames", 2, "--save")
     assert status == 0, printed
     assert set_up(open_recording(own), load_config()).floor_source == "world.toml"
@@ -173,5 +172,5 @@ def test_points_in_metres_give_their_plane_and_in_pixels_lie_on_the_floor_by_the
         (["--picture", "floor.txt", "--frames", "1"], "floor.txt: expected a picture's name"),
     ],
 )
-def test_bad_input_is_refused_in_one_sentence(refused: Refused, small: Path, words: list[str], sentence: str) -> None:
+def test_bad_input_is_refused_in_one_sentence(refused, small, words, sentence):
     assert sentence in refused("calibrate", "floor", small, *words)

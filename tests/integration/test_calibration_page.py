@@ -192,17 +192,17 @@ def handshake(port: int, *headers: str) -> int:
 
 
 @pytest.mark.parametrize("name", ["127.0.0.1", "localhost"])
-def test_page_and_websocket_are_served_under_the_names_of_this_machine(port: int, name: str) -> None:
+def test_page_and_websocket_are_served_under_the_names_of_this_machine(port, name):
     own = f"{name}:{port}"
     assert answered(port, "/", f"Host: {own}") == 200
     assert handshake(port, f"Host: {own}", f"Origin: http://{own}") == 101
 
 
-def test_other_host_name_is_refused(port: int) -> None:
+def test_other_host_name_is_refused(port):
     assert answered(port, "/", f"Host: evil.example:{port}") == 403
     assert handshake(port, f"Host: evil.example:{port}", f"Origin: http://evil.example:{port}") == 403
 
 
 @pytest.mark.parametrize("origin", ["http://evil.example", "null", "https://127.0.0.1:1", ""])
-def test_websocket_of_another_page_is_refused(port: int, origin: str) -> None:
+def test_websocket_of_another_page_is_refused(port, origin):
     assert handshake(port, f"Host: 127.0.0.1:{port}", f"Origin: {origin}") == 403

@@ -80,7 +80,7 @@ class EverySecondFrame:
 
 
 @pytest.mark.slow
-def test_demo_clip_at_half_its_frame_rate_is_tracked_without_a_significant_error() -> None:
+def test_demo_clip_at_half_its_frame_rate_is_tracked_without_a_significant_error():
     recording, config, tracks = open_recording(DEMO), Config(), TrajectoryCollector()
     for result in engine_of(EverySecondFrame(recording), config=config, setup=set_up(recording, config)):
         tracks.add(result.frame, result.timestamp_s, result.tracks)
@@ -95,12 +95,12 @@ def failures(folder: Path) -> dict[str, float]:
 
 
 @pytest.mark.slow
-def test_check_passes_the_committed_clip() -> None:
+def test_check_passes_the_committed_clip():
     assert failures(DEMO) == {}
 
 
 @pytest.mark.slow
-def test_check_passes_the_real_overhead_pair(shared_data: Path) -> None:
+def test_check_passes_the_real_overhead_pair(shared_data):
     diagnosis = examine(shared_data / "overhead-stereo")
     values = {check.name: check.value for check in diagnosis.checks}
     assert not [check for check in diagnosis.checks if check.failed]

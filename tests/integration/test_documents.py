@@ -31,7 +31,7 @@ WITH_BLOCKS = [
 
 
 @pytest.mark.parametrize("command", ALL)
-def test_command_of_the_documents_has_these_options(command: str) -> None:
+def test_command_of_the_documents_has_these_options(command):
     app = make_app(words(command))
     function, _, unused = app.parse_args(words(command), exit_on_error=False, print_error=False)
     assert callable(function) and not unused
@@ -48,14 +48,14 @@ CALLS = sorted(
 
 
 @pytest.mark.parametrize("call", CALLS)
-def test_call_in_the_text_of_the_documents_has_these_arguments(call: str) -> None:
+def test_call_in_the_text_of_the_documents_has_these_arguments(call):
     outer = ast.parse(call, mode="eval").body
     for node in (node for node in ast.walk(outer) if isinstance(node, ast.Call)):
         function = eval(ast.unparse(node.func), {"planview": planview})
         assert inspect.signature(function).bind(*node.args, **{str(one.arg): one.value for one in node.keywords})
 
 
-def test_messages_in_troubleshooting_are_those_of_the_program() -> None:
+def test_messages_in_troubleshooting_are_those_of_the_program():
     files = [file for room in ("calib", "stereo", "planview") for file in (ROOT / room).rglob("*.py")]
     sources = "\n".join(re.sub(r'"\n *f?"', "", file.read_text(encoding="utf-8")) for file in files)
     sources += "\n".join(hypothesis.name for hypothesis in HYPOTHESES)
@@ -65,7 +65,7 @@ def test_messages_in_troubleshooting_are_those_of_the_program() -> None:
     assert len(rows) > 8 and [part for part in parts if part not in sources] == []
 
 
-def test_messages_of_moved_cameras_and_uneven_times_stand_in_troubleshooting() -> None:
+def test_messages_of_moved_cameras_and_uneven_times_stand_in_troubleshooting():
     page = (ROOT / "docs" / "troubleshooting.md").read_text(encoding="utf-8")
     rows = [row.split("...") for row in re.findall(r"^\| `([^`]*)`", page, re.MULTILINE)]
     said = [Rate(0.2, 0.0, 9.0, 0, 0, 0.0).note, Rate(15.0, 40.0, 9.0, 0, 0, 0.0).note, jump_note(7, 8, 9e4)]
@@ -82,7 +82,7 @@ def test_messages_of_moved_cameras_and_uneven_times_stand_in_troubleshooting() -
 
 
 @pytest.mark.parametrize("pattern", CANNOT_RUN)
-def test_reason_not_to_run_is_still_needed(pattern: str) -> None:
+def test_reason_not_to_run_is_still_needed(pattern):
     assert any(re.match(pattern, command) for command in [*ALL, "planview view"])
 
 
@@ -103,7 +103,7 @@ def run_folder(short_clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Pa
 
 
 @pytest.mark.parametrize("page", WITH_BLOCKS, ids=lambda page: page.name)
-def test_python_and_rules_of_a_page_are_taken(page: Path, run_folder: Path, tmp_path: Path, monkeypatch) -> None:
+def test_python_and_rules_of_a_page_are_taken(page, run_folder, tmp_path, monkeypatch):
     import matplotlib as mpl
 
     mpl.use("Agg")

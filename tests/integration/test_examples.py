@@ -22,7 +22,7 @@ def example(short_clip: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str]
     return lambda name: runpy.run_path(str(EXAMPLES / name), run_name="example")
 
 
-def test_every_example_is_tested() -> None:
+def test_every_example_is_tested():
     found = {path.name for path in EXAMPLES.iterdir() if path.suffix in (".py", ".ipynb")}
     assert found == {"own_sensor.py", "own_matcher.py", "own_tracker.py", "sweep.py", "first_steps.ipynb"}
 
@@ -49,7 +49,7 @@ def notebook() -> list[str]:
     return ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
 
 
-def test_cells_of_the_notebook_run_in_order_and_export_what_they_track(short_clip, monkeypatch) -> None:
+def test_cells_of_the_notebook_run_in_order_and_export_what_they_track(short_clip, monkeypatch):
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -61,7 +61,7 @@ def test_cells_of_the_notebook_run_in_order_and_export_what_they_track(short_cli
     assert all((short_clip / "out" / "first" / name).is_file() for name in ("paths.png", "pedpy.txt", "report.html"))
 
 
-def test_the_readme_shows_the_twelve_lines_of_the_notebook() -> None:
+def test_the_readme_shows_the_twelve_lines_of_the_notebook():
     (example,) = (text for language, text in blocks(ROOT / "README.md") if language == "python")
     lines = [line for line in example.splitlines() if line]
     shown = [line for source in notebook()[1:7] for line in source.splitlines() if line and line != "figure"]

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli import Cli, JsonOf, Refused, ShownBy
 from toy_tracks import positions_table
 
 from planview.api.tracks import export
@@ -29,7 +28,7 @@ def tracks(tmp_path: Path) -> Path:
     return path
 
 
-def test_pedpy_computes_density_and_fundamental_diagram_from_an_export(cli: Cli, tracks: Path) -> None:
+def test_pedpy_computes_density_and_fundamental_diagram_from_an_export(cli, tracks):
     import pedpy
 
     out = tracks.with_name("tracks.txt")
@@ -51,7 +50,7 @@ def test_pedpy_computes_density_and_fundamental_diagram_from_an_export(cli: Cli,
     assert crowded.speed.mean() == pytest.approx(SPEED_MPS, abs=0.01)
 
 
-def test_pedpy_reads_trajectory_and_walkable_area_of_archive_and_database(cli: Cli, tracks: Path) -> None:
+def test_pedpy_reads_trajectory_and_walkable_area_of_archive_and_database(cli, tracks):
     import pedpy
 
     archive, database = tracks.with_name("t.h5"), tracks.with_name("t.sqlite")
@@ -70,24 +69,24 @@ def test_pedpy_reads_trajectory_and_walkable_area_of_archive_and_database(cli: C
 
 
 @pytest.mark.parametrize("to", ["pedpy", "ped-data-archive", "jupedsim", "motchallenge", "parquet", "jsonl"])
-def test_evaluate_reads_exports_as_tracks_and_as_truth(to: str, cli: Cli, tracks: Path, json_of: JsonOf) -> None:
+def test_evaluate_reads_exports_as_tracks_and_as_truth(to, cli, tracks, json_of):
     out = tracks.with_name("export")
     assert cli("export", tracks, "--to", to, "--out", out)[0] == 0
     assert json_of("evaluate", tracks, out)["mota"] == 1.0 and json_of("evaluate", out, out)["idf1"] == 1.0
 
 
-def test_json_lines_go_to_standard_output(tracks: Path, shown_by: ShownBy) -> None:
+def test_json_lines_go_to_standard_output(tracks, shown_by):
     assert len(shown_by("export", tracks, "--to", "jsonl", "--out", "-").splitlines()) == FRAMES
 
 
-def test_export_does_not_overwrite_unless_asked_and_never_its_input(cli: Cli, refused: Refused, tracks: Path) -> None:
+def test_export_does_not_overwrite_unless_asked_and_never_its_input(cli, refused, tracks):
     assert "choose another" in refused("export", tracks, "--to", "csv", "--out", tracks, "--overwrite")
     assert cli("export", tracks, "--to", "csv")[0] == 0
     assert "--overwrite" in refused("export", tracks, "--to", "csv")
     assert cli("export", tracks, "--to", "csv", "--overwrite")[0] == 0
 
 
-def test_samples_of_other_programs_have_their_rows_and_rates(shared_data: Path) -> None:
+def test_samples_of_other_programs_have_their_rows_and_rates(shared_data):
     files = {
         "pedpy/ped_data_archive_text.txt": (63110, 25.0),
         "pedpy/ped_data_archive_hdf5.h5": (30701, 25.0),
@@ -101,14 +100,14 @@ def test_samples_of_other_programs_have_their_rows_and_rates(shared_data: Path) 
     assert {name: (len(file.table), file.fps) for name, file in loaded.items()} == files
 
 
-def test_most_points_of_an_empty_room_lie_on_its_floor(recording: Path) -> None:
+def test_most_points_of_an_empty_room_lie_on_its_floor(recording):
     pytest.importorskip("open3d")
     cloud = scene_of(recording)
     points = np.asarray(cloud.points)
     assert points.shape == np.asarray(cloud.colors).shape and np.median(np.abs(points[:, 2])) < 0.03
 
 
-def test_cloud_of_a_recording_is_a_ply_file(cli: Cli, recording: Path, tmp_path: Path) -> None:
+def test_cloud_of_a_recording_is_a_ply_file(cli, recording, tmp_path):
     pytest.importorskip("open3d")
     status, printed = cli("export", recording, "--cloud", tmp_path / "new" / "scene.ply")
     assert status == 0, printed
@@ -116,12 +115,12 @@ def test_cloud_of_a_recording_is_a_ply_file(cli: Cli, recording: Path, tmp_path:
 
 
 @pytest.mark.parametrize("words", [["--cloud", "scene.txt"], [], ["--cloud", "a.ply", "--to", "csv"]])
-def test_export_without_a_known_format_is_refused(refused: Refused, recording: Path, words: list[str]) -> None:
+def test_export_without_a_known_format_is_refused(refused, recording, words):
     assert "--to" in refused("export", recording, *words) or words[-1] == "scene.txt"
 
 
 @pytest.mark.parametrize(("to", "ids"), [("pedpy", [1, 2]), ("motchallenge", [1]), ("csv", [1])])
-def test_a_walk_after_the_end_of_a_track_has_an_id_of_its_own_where_ids_are_walks(to, ids, tmp_path) -> None:
+def test_a_walk_after_the_end_of_a_track_has_an_id_of_its_own_where_ids_are_walks(to, ids, tmp_path):
     frame = np.concatenate([np.arange(20), np.arange(100, 120)])
     boxes = np.tile([10.0, 10.0, 40.0, 170.0], (40, 1))
     table = positions_table(frame, np.ones(40, int), np.zeros((40, 2)), timestamp_s=frame / FPS, box_px=boxes)
@@ -133,7 +132,7 @@ FORMATS = "csv", "jsonl", "pedpy", "ped-data-archive", "jupedsim", "motchallenge
 
 
 @pytest.mark.parametrize("to", FORMATS)
-def test_a_table_without_a_row_is_nobody_in_every_format(to: str, cli: Cli, tmp_path: Path) -> None:
+def test_a_table_without_a_row_is_nobody_in_every_format(to, cli, tmp_path):
     empty = positions_table(np.empty(0, int), np.empty(0, int), np.empty((0, 2)))
     with (tmp_path / "tracks.csv").open("w") as file:
         write_table(file, empty)
@@ -142,7 +141,7 @@ def test_a_table_without_a_row_is_nobody_in_every_format(to: str, cli: Cli, tmp_
 
 
 @pytest.mark.parametrize("command", ["count", "plot", "density", "evaluate"])
-def test_nobody_is_counted_drawn_and_scored(command: str, cli: Cli, tmp_path: Path) -> None:
+def test_nobody_is_counted_drawn_and_scored(command, cli, tmp_path):
     nobody = tmp_path / "tracks.csv"
     nobody.write_text("frame,id,x_m,y_m,height_m\n")
     rules = tmp_path / "rules.toml"
@@ -156,7 +155,7 @@ def test_nobody_is_counted_drawn_and_scored(command: str, cli: Cli, tmp_path: Pa
     assert cli(*words[command])[0] == 0
 
 
-def test_nobody_in_a_region_is_exported_at_the_rate_of_the_tracks(tracks: Path) -> None:
+def test_nobody_in_a_region_is_exported_at_the_rate_of_the_tracks(tracks):
     away = "POLYGON ((50 50, 51 50, 51 51, 50 50))"
     written = export(tracks, "pedpy", region=away, out=tracks.with_name("t.txt"))
     assert [written.values[name] for name in ("rows", "people", "fps")] == [0, 0, FPS]

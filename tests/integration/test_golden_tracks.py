@@ -79,7 +79,7 @@ def _nearest(tracks: Sequence[TrackState], place: tuple[float, float], in_image:
     return track_id, distance
 
 
-def test_demo() -> None:
+def test_demo():
     tracks = confirmed(planview.open_engine(DEMO), 136)
     assert_walked(tracks, DEMO_WALKS, within=0.15)
     assert len({track.track_id for people in tracks for track in people}) == 3
@@ -88,7 +88,7 @@ def test_demo() -> None:
 
 
 @pytest.mark.slow
-def test_two_rigs_that_see_the_same(tmp_path: Path) -> None:
+def test_two_rigs_that_see_the_same(tmp_path):
     floor = planview.set_up(planview.open_recording(DEMO), planview.Config()).floor
     entries = []
     for name in ("one", "other"):
@@ -101,25 +101,25 @@ def test_two_rigs_that_see_the_same(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_overhead_pair(shared_data: Path) -> None:
+def test_overhead_pair(shared_data):
     tracks = confirmed(planview.open_engine(shared_data / "overhead-stereo"), 80)
     assert_walked(tracks, OVERHEAD_WALKS, within=0.15)
     assert all(len(people) <= 2 for people in tracks)
 
 
-def test_images_with_depth(shared_data: Path) -> None:
+def test_images_with_depth(shared_data):
     tracks = confirmed(planview.open_engine(shared_data / "rgbd-one-walker", options=planview.OpenOptions(fps=5.0)), 30)
     assert_walked(tracks, RGBD_WALKS, within=0.15)
     assert len({track.track_id for people in tracks for track in people}) == 1
 
 
-def test_street_by_ellipses(shared_data: Path) -> None:
+def test_street_by_ellipses(shared_data):
     video = shared_data / "pets09-s2l1-view001" / "view001.mp4"
     tracks = confirmed(planview.open_engine(video, "ellipse-particle"), 32)
     assert_walked(tracks, ELLIPSE_WALKS, within=15, in_image=True)
 
 
-def test_street_by_the_human_model(shared_data: Path, tmp_path: Path) -> None:
+def test_street_by_the_human_model(shared_data, tmp_path):
     size = read_image_size(PEOPLE)
     save_ground_camera(calibrate_from_people(read_samples(PEOPLE), size, "pinhole").camera, tmp_path / "camera.toml")
     video = shared_data / "pets09-s2l1-view001" / "view001.mp4"

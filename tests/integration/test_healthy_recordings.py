@@ -1,7 +1,5 @@
 """Real recordings in which nothing is wrong: no hypothesis explains them better than they are."""
 
-from pathlib import Path
-
 import pytest
 
 from stereo.doctor.diagnose import diagnose, diagnose_fields, place_of_depth
@@ -27,7 +25,7 @@ DEPTH = (
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [*PAIRS, *DEPTH])
-def test_the_doctor_is_silent_on_a_healthy_recording(shared_data: Path, name: str) -> None:
+def test_the_doctor_is_silent_on_a_healthy_recording(shared_data, name):
     path = shared_data / name
     if not path.exists():
         pytest.skip(f"{path} is not here")

@@ -25,7 +25,7 @@ from planview.trajectories.state import TrackState
 from stereo.recording import Frame
 
 
-def test_run_without_a_folder_gives_what_a_folder_would_hold(engine: planview.Engine, tmp_path: Path) -> None:
+def test_run_without_a_folder_gives_what_a_folder_would_hold(engine, tmp_path):
     frames = EMPTY + 6
     kept = planview.run(engine, out=tmp_path / "out", frames=frames)
     tracks = planview.run(engine, frames=frames)
@@ -33,25 +33,25 @@ def test_run_without_a_folder_gives_what_a_folder_would_hold(engine: planview.En
     assert (tmp_path / "out" / "report.html").is_file()
 
 
-def test_run_refuses_a_folder_with_results(engine: planview.Engine, tmp_path: Path) -> None:
+def test_run_refuses_a_folder_with_results(engine, tmp_path):
     planview.run(engine, out=tmp_path, frames=2)
     with pytest.raises(InputError, match="overwrite"):
         planview.run(engine, out=tmp_path, frames=2)
 
 
-def test_evaluation_takes_tables_and_paths(engine: planview.Engine, tmp_path: Path) -> None:
+def test_evaluation_takes_tables_and_paths(engine, tmp_path):
     tracks = planview.run(engine, out=tmp_path / "out", frames=FRAMES)
     confirmed = tracks.where(tracks.state == "confirmed")
     assert planview.evaluate(tmp_path / "out", confirmed).to_json()["mota"] == 1.0
 
 
-def test_dataframe_has_the_columns_of_the_file(engine: planview.Engine, tmp_path: Path) -> None:
+def test_dataframe_has_the_columns_of_the_file(engine, tmp_path):
     frame = planview.run(engine, out=tmp_path / "out", frames=EMPTY + 6).to_dataframe()
     header = (tmp_path / "out" / "tracks.csv").read_text().splitlines()[0]
     assert ",".join(frame.columns) == header and frame.state.iloc[-1] in ("tentative", "confirmed")
 
 
-def test_a_tracker_without_reset_is_refused_before_the_recording_is_read(tmp_path: Path) -> None:
+def test_a_tracker_without_reset_is_refused_before_the_recording_is_read(tmp_path):
     class Forgetful:
         decisions = ()
         update = debug = print
@@ -84,17 +84,17 @@ def test_steps_of_a_stereo_engine_give_the_tracks_of_its_iteration_timed_by_stag
     assert list(result.stages_ms) == ["rectify", "match", "foreground", "maps", "track"]
 
 
-def test_reset_forgets_the_background_of_a_stereo_engine(engine: Engine) -> None:
+def test_reset_forgets_the_background_of_a_stereo_engine(engine):
     stepped(engine, EMPTY + 3)
     assert not stepped(engine, 1)[0].views[0].foreground.any()
 
 
-def test_steps_of_a_single_camera_engine_give_the_tracks_of_its_iteration() -> None:
+def test_steps_of_a_single_camera_engine_give_the_tracks_of_its_iteration():
     engine = engine_of(CrossingVideo(), EllipseParticleTracker())
     assert [r.tracks for r in stepped(engine, CrossingVideo.n_frames)] == [r.tracks for r in engine]
 
 
-def test_frame_without_a_later_time_is_refused_and_leaves_the_engine_as_it_was() -> None:
+def test_frame_without_a_later_time_is_refused_and_leaves_the_engine_as_it_was():
     engine = engine_of(CrossingVideo(), EllipseParticleTracker())
     frames = list(CrossingVideo())[:40]
     expected = [result.tracks for result in stepped(engine, 40)]
@@ -106,7 +106,7 @@ def test_frame_without_a_later_time_is_refused_and_leaves_the_engine_as_it_was()
     assert tracks + [engine.step(frame).tracks for frame in frames[30:]] == expected
 
 
-def test_engine_that_resumes_refuses_a_frame_from_before() -> None:
+def test_engine_that_resumes_refuses_a_frame_from_before():
     engine, resumed = (engine_of(CrossingVideo(), EllipseParticleTracker()) for _ in range(2))
     stepped(engine, 3)
     resumed.set_state(engine.state())
@@ -114,13 +114,13 @@ def test_engine_that_resumes_refuses_a_frame_from_before() -> None:
         resumed.step(list(CrossingVideo())[2])
 
 
-def test_frames_of_another_kind_of_recording_are_refused(engine: Engine) -> None:
+def test_frames_of_another_kind_of_recording_are_refused(engine):
     with pytest.raises(InputError, match="expected a left and a right image, found one image"):
         engine.step(Frame(0, 0.0, ((np.zeros((48, 64), np.uint8),),)))
 
 
 @pytest.mark.parametrize(("returned", "found"), [(None, "None"), ([(1.0, 2.0)], r"\[\(1.0, 2.0\)\]")])
-def test_trackers_that_return_anything_but_track_states_are_refused(returned: object, found: str) -> None:
+def test_trackers_that_return_anything_but_track_states_are_refused(returned, found):
     tracker = EllipseParticleTracker()
     tracker.update = lambda observation: returned  # type: ignore[method-assign,assignment,return-value]
     with pytest.raises(InputError, match=f"sequence of TrackState from EllipseParticleTracker.update, found {found}"):
@@ -140,27 +140,27 @@ class OwnTracker(EllipseParticleTracker):
         ([TrackState(1, "lost", box_px=(1.0, 2.0))], "the box (1.0, 2.0)"),  # type: ignore[arg-type]
     ],
 )
-def test_rows_that_no_table_holds_are_named_at_the_first_frame(rows: list[TrackState], found: str) -> None:
+def test_rows_that_no_table_holds_are_named_at_the_first_frame(rows, found):
     tracker = OwnTracker()
     tracker.update = lambda observation: rows  # type: ignore[method-assign,assignment,return-value]
     with pytest.raises(InputError, match=re.escape(f"OwnTracker.update for tracks.csv, found {found}")):
         next(iter(engine_of(CrossingVideo(), tracker)))
 
 
-def test_labels_of_another_size_are_named() -> None:
+def test_labels_of_another_size_are_named():
     tracker = OwnTracker()
     tracker.feedback = lambda: np.zeros((3, 3), np.uint8)  # type: ignore[method-assign]
     with pytest.raises(InputError, match=r"tracker=: expected feedback of .* labels, found \(3, 3\)"):
         next(iter(engine_of(CrossingVideo(), tracker)))
 
 
-def test_results_are_short_in_a_console() -> None:
+def test_results_are_short_in_a_console():
     result = next(iter(engine_of(CrossingVideo(), EllipseParticleTracker())))
     assert repr(result) == "FrameResult(frame 0, 0.00 s, 0 tracks)"
     assert repr(TrackState(3, "lost", 1.234, 2.0)) == "TrackState(3, lost, x_m=1.23, y_m=2.00, height_m=nan)"
 
 
-def test_arguments_of_another_type_are_refused_by_name(recording: Path, tmp_path: Path) -> None:
+def test_arguments_of_another_type_are_refused_by_name(recording, tmp_path):
     with pytest.raises(InputError, match="config=: expected a table per stage, found list"):
         planview.open_engine(recording, config=[1])  # type: ignore[arg-type]
     with pytest.raises(InputError, match="options=: expected OpenOptions, found dict"):
@@ -179,7 +179,7 @@ def test_arguments_of_another_type_are_refused_by_name(recording: Path, tmp_path
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_an_engine_without_stereo_says_what_it_knows_of_its_camera(known: bool) -> None:
+def test_an_engine_without_stereo_says_what_it_knows_of_its_camera(known):
     engine = engine_of(CrossingVideo(), EllipseParticleTracker(), camera=CAMERA if known else None)
     assert engine.rigs == {}
     assert (engine.camera_info() is not None, engine.floor_info() is not None) == (known, known)
@@ -216,7 +216,7 @@ class BrightestInImage(Brightest):
         """Nothing to learn."""
 
 
-def test_an_engine_with_a_tracker_that_gives_no_state_has_none() -> None:
+def test_an_engine_with_a_tracker_that_gives_no_state_has_none():
     with pytest.raises(TypeError, match=r"BrightestInImage has no state\(\)"):
         engine_of(CrossingVideo(), BrightestInImage()).state()
 
@@ -238,7 +238,7 @@ class Remembering(BrightestInImage):
         self.times_s = state["times_s"]
 
 
-def test_the_state_of_an_engine_is_a_copy_whatever_its_tracker_hands_out() -> None:
+def test_the_state_of_an_engine_is_a_copy_whatever_its_tracker_hands_out():
     tracker = Remembering()
     engine = engine_of(CrossingVideo(), tracker)
     first, second, third, *_ = engine.recording
@@ -267,7 +267,7 @@ def test_a_tracker_of_images_gets_the_frames_of_one_camera_and_one_of_plan_view_
         open_engine(clip, Brightest())
 
 
-def test_maps_of_a_depth_image_of_ones_own_take_the_three_lines_of_the_api_page() -> None:
+def test_maps_of_a_depth_image_of_ones_own_take_the_three_lines_of_the_api_page():
     page = (Path(__file__).resolve().parents[2] / "docs" / "api.md").read_text(encoding="utf-8")
     block = page.partition("## Maps of a depth image")[2].partition("```python\n")[2].partition("```")[0].strip()
     depth_m, people = np.full((480, 640), 10.0, np.float32), np.zeros((480, 640), np.uint8)
@@ -285,7 +285,7 @@ def placed(result: FrameResult) -> list[tuple[int, float, float]]:
     return [(person.track_id, person.x_m, person.y_m) for person in result.tracks]
 
 
-def test_loop_of_the_architecture_page_gives_the_tracks_of_the_engine(engine: Engine) -> None:
+def test_loop_of_the_architecture_page_gives_the_tracks_of_the_engine(engine):
     page = (Path(__file__).resolve().parents[2] / "docs" / "architecture.md").read_text(encoding="utf-8")
     names: dict[str, Any] = {"Observation": Observation, "StageClock": StageClock, "FrameResult": FrameResult}
     exec(page.partition("```python\n")[2].partition("```")[0], names)
@@ -295,7 +295,7 @@ def test_loop_of_the_architecture_page_gives_the_tracks_of_the_engine(engine: En
     assert any(expected) and [placed(result) for result in looped] == expected
 
 
-def test_point_cloud_of_a_frame_lies_on_the_floor_and_on_the_person(engine: Engine) -> None:
+def test_point_cloud_of_a_frame_lies_on_the_floor_and_on_the_person(engine):
     result = next(r for r in engine if r.frame == EMPTY + 5)
     points = np.asarray(result.point_cloud().points)
     person = result.tracks[0]
@@ -304,13 +304,13 @@ def test_point_cloud_of_a_frame_lies_on_the_floor_and_on_the_person(engine: Engi
     assert len(points) == len(result.point_cloud().colors)
 
 
-def test_template_of_a_person_is_as_high_as_the_person(engine: Engine) -> None:
+def test_template_of_a_person_is_as_high_as_the_person(engine):
     result = next(r for r in engine if r.frame == EMPTY + 5)
     height, occupancy = result.template(result.tracks[0]) or pytest.fail("no template")
     assert height.max() == pytest.approx(result.tracks[0].height_m, abs=0.15) and occupancy.max() > 0
 
 
-def test_paths_may_be_text(recording: Path, tmp_path: Path) -> None:
+def test_paths_may_be_text(recording, tmp_path):
     (tmp_path / "c.toml").write_text("seed = 7\n")
     (tmp_path / "t.csv").write_text("frame,timestamp_s,id,x_m,y_m,state\n0,0,1,0,0,confirmed\n")
     assert planview.load_config(str(tmp_path / "c.toml")).seed == 7
@@ -318,7 +318,7 @@ def test_paths_may_be_text(recording: Path, tmp_path: Path) -> None:
     assert planview.open_recording(str(recording)).n_frames > 0
 
 
-def test_configuration_may_be_tables_of_what_differs(recording: Path) -> None:
+def test_configuration_may_be_tables_of_what_differs(recording):
     engine = planview.open_engine(str(recording), config={"analysis": {"setup_frames": 4}})
     assert engine.config.analysis.setup_frames == 4
     with pytest.raises(planview.InputError, match=r"config=: .*did you mean analysis\.setup_frames"):

@@ -38,7 +38,7 @@ def test_annotation_has_its_rows_from_frame_zero_and_scores_full_marks_against_i
     assert result["significant_errors"]["total"] == 0
 
 
-def test_turned_and_shifted_world_is_aligned_on_the_floor(truth: Trajectories) -> None:
+def test_turned_and_shifted_world_is_aligned_on_the_floor(truth):
     rng = np.random.default_rng(0)
     turned = replace(
         truth,
@@ -55,7 +55,7 @@ FRAMES = 200
 
 
 @pytest.mark.slow
-def test_pets_view_1_is_tracked_without_calibration(shared_data: Path, tmp_path: Path) -> None:
+def test_pets_view_1_is_tracked_without_calibration(shared_data, tmp_path):
     folder = shared_data / "pets09-s2l1-view001"
     path = tmp_path / "tracks.csv"
     with path.open("w", encoding="utf-8") as file:
@@ -79,7 +79,7 @@ def camera() -> GroundCamera:
 
 
 @pytest.mark.slow
-def test_pets_boxes_reach_what_is_asked(shared_data: Path, camera: GroundCamera) -> None:
+def test_pets_boxes_reach_what_is_asked(shared_data, camera):
     folder = shared_data / "pets09-s2l1-view001"
     truth = load_truth(folder / "gt.txt")
     scores = []
@@ -96,7 +96,7 @@ MIDDLE_CROSSED_AT = (67, 242)
 
 
 @pytest.mark.slow
-def test_two_walkers_are_followed_through_the_middle_as_they_went(shared_data: Path) -> None:
+def test_two_walkers_are_followed_through_the_middle_as_they_went(shared_data):
     engine = open_engine(shared_data / "overhead-stereo")
     geometry = engine.stereo.geometry
     camera = geometry.above(engine.stereo.floor.world_SE3_left)
@@ -146,7 +146,7 @@ def _confirmed(folder: Path) -> Trajectories:
     return tracks.where(np.asarray(tracks.state == "confirmed"))
 
 
-def test_walker_is_tracked_along_the_path_of_the_depth_blobs(walked: Path, shared_data: Path) -> None:
+def test_walker_is_tracked_along_the_path_of_the_depth_blobs(walked, shared_data):
     tracks, path = _confirmed(walked), _path(shared_data)
     assert len(np.unique(tracks.track_id)) == 1
     off = [
@@ -159,12 +159,12 @@ def test_walker_is_tracked_along_the_path_of_the_depth_blobs(walked: Path, share
     assert np.nanmedian(tracks.height_m) == pytest.approx(1.765, abs=0.05)
 
 
-def test_saved_maps_of_depth_give_the_same_tracks(walked: Path, tmp_path: Path) -> None:
+def test_saved_maps_of_depth_give_the_same_tracks(walked, tmp_path):
     _run(walked / "maps.h5", "--out", tmp_path / "again")
     assert (tmp_path / "again" / "tracks.csv").read_bytes() == (walked / "tracks.csv").read_bytes()
 
 
-def test_tum_sample_pairs_all_but_the_frame_left_out(shared_data: Path) -> None:
+def test_tum_sample_pairs_all_but_the_frame_left_out(shared_data):
     path = shared_data / "recordings" / "tum-rgbd-people"
     reader, layout = find_layout(path)
     recording = open_any(path)

@@ -92,7 +92,7 @@ def samples(shared_data: Path) -> Path:
         ("zed_factory_SN1010.conf", (672, 376), 0.12),
     ],
 )
-def test_sample_is_read(name: str, size: tuple[int, int], baseline_m: float, samples: Path) -> None:
+def test_sample_is_read(name, size, baseline_m, samples):
     rig = load_rig(samples / name, size)
     assert rig.baseline_m == pytest.approx(baseline_m, rel=1e-3) and rig.left.size == rig.right.size == size
 
@@ -107,18 +107,18 @@ def test_sample_is_read(name: str, size: tuple[int, int], baseline_m: float, sam
         ("lacatus_data_pets09_cameracalib_camera001.cfg", "none of these formats"),
     ],
 )
-def test_sample_without_a_usable_rig_is_refused(name: str, why: str, samples: Path) -> None:
+def test_sample_without_a_usable_rig_is_refused(name, why, samples):
     with pytest.raises(InputError, match=why):
         load_rig(samples / name)
 
 
-def test_kalibr_chain_and_imu_poses_of_the_same_rig_agree(samples: Path) -> None:
+def test_kalibr_chain_and_imu_poses_of_the_same_rig_agree(samples):
     chain = load_rig(samples / "msckf_vio_camchain-imucam-euroc.yaml")
     imu = load_rig(samples / "openvins_euroc_kalibr_imucam_chain.yaml")
     np.testing.assert_allclose(chain.right_SE3_left.matrix, imu.right_SE3_left.matrix, atol=1e-8)
 
 
-def test_ros_pose_agrees_with_its_own_rectification(samples: Path) -> None:
+def test_ros_pose_agrees_with_its_own_rectification(samples):
     # A point must fall on the same row of both rectified images of the file.
     rig = load_rig(samples / "chusei_ros_left.yaml")
     left_rows = np.array(
@@ -133,7 +133,7 @@ def test_ros_pose_agrees_with_its_own_rectification(samples: Path) -> None:
     np.testing.assert_allclose(left[:, 0] - right[:, 0], 88.273173 / 486.886495, atol=1e-4)
 
 
-def test_pets_view_puts_the_annotated_feet_where_the_annotation_does(shared_data: Path) -> None:
+def test_pets_view_puts_the_annotated_feet_where_the_annotation_does(shared_data):
     folder = shared_data / "pets09-s2l1-view001"
     camera = load_tsai(folder / "View_001.xml")  # of images of 768x576; the rows are of 480x360
     rows = np.loadtxt(folder / "gt.txt", delimiter=",")
@@ -151,7 +151,7 @@ def middlebury(folder: Path) -> tuple[U8, U8, F32]:
 
 
 @pytest.mark.parametrize(("scene", "bad_most"), [("cones", 0.064), ("teddy", 0.102)])
-def test_middlebury_is_matched_better_than_by_plain_sgbm(shared_data: Path, scene: str, bad_most: float) -> None:
+def test_middlebury_is_matched_better_than_by_plain_sgbm(shared_data, scene, bad_most):
     left, right, truth = middlebury(shared_data / "middlebury-2003" / scene)
     geometry = RectifiedGeometry(left.shape[1], left.shape[0], 400.0, 400.0, 225.0, 187.0, 0.16)
     found = SgbmMatcher(geometry, disparities=DisparityRange(0, 64))(left, right)
@@ -161,7 +161,7 @@ def test_middlebury_is_matched_better_than_by_plain_sgbm(shared_data: Path, scen
     assert valid.sum() / np.isfinite(truth).sum() > 0.85  # plain SGBM: 0.82
 
 
-def test_overhead_pair_is_corrected_by_its_own_matches(shared_data: Path) -> None:
+def test_overhead_pair_is_corrected_by_its_own_matches(shared_data):
     recording = open_recording(shared_data / "overhead-stereo")
     pairs = spread_frames(recording, FloorSearch())
     assert isinstance(pairs, PairFrames)
@@ -180,7 +180,7 @@ def test_overhead_pair_is_corrected_by_its_own_matches(shared_data: Path) -> Non
     assert np.all(np.abs(half.angles - found.angles) < 3.0 * found.deviations)
 
 
-def test_overhead_videos_are_read_whole(shared_data: Path) -> None:
+def test_overhead_videos_are_read_whole(shared_data):
     recording = open_recording(shared_data / "overhead-stereo")
     count = sum(1 for _ in recording)
     assert count == recording.n_frames == 330 and recording.skipped == []

@@ -10,7 +10,6 @@ from typing import NoReturn
 import cv2
 import numpy as np
 import pytest
-from cli import Cli, JsonOf
 from toy_rgbd import EMPTY, HEIGHT_M, TILT_DEG, walker_m, write_toy_rgbd
 
 from calib.errors import InputError, WorkError
@@ -34,16 +33,14 @@ def engine(recording: Path) -> Engine:
     return open_engine(recording, config=FEW)
 
 
-def test_floor_of_depth_is_where_it_was_put(engine: Engine) -> None:
+def test_floor_of_depth_is_where_it_was_put(engine):
     floor = engine.stereo.floor
     assert floor.height_m == pytest.approx(HEIGHT_M, abs=0.02)
     assert np.degrees(floor.tilt_rad) == pytest.approx(TILT_DEG, abs=0.3)
 
 
 @pytest.mark.parametrize("rows", [113, 117, 119])
-def test_camera_stands_still_where_its_image_has_no_whole_number_of_samples(
-    recording: Path, tmp_path: Path, rows: int
-) -> None:
+def test_camera_stands_still_where_its_image_has_no_whole_number_of_samples(recording, tmp_path, rows):
     cut = shutil.copytree(recording, tmp_path / "cut")
     for file in (*(cut / "rgb").iterdir(), *(cut / "depth").iterdir()):
         cv2.imwrite(str(file), cv2.imread(str(file), cv2.IMREAD_UNCHANGED)[:rows])
@@ -55,7 +52,7 @@ def test_camera_stands_still_where_its_image_has_no_whole_number_of_samples(
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(10, 10_000), (5, 5000), (0.256, 256)])
-def test_unit_of_depth_that_gives_a_floor_is_named(recording: Path, tmp_path: Path, factor: float, unit: int) -> None:
+def test_unit_of_depth_that_gives_a_floor_is_named(recording, tmp_path, factor, unit):
     shutil.copytree(recording, tmp_path / "other")
     for file in (tmp_path / "other" / "depth").iterdir():
         stored = cv2.imread(str(file), cv2.IMREAD_UNCHANGED) * factor
@@ -64,9 +61,7 @@ def test_unit_of_depth_that_gives_a_floor_is_named(recording: Path, tmp_path: Pa
         open_engine(tmp_path / "other", config=FEW)
 
 
-def test_unit_of_depth_is_kept_when_the_search_for_another_one_fails(
-    recording: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_unit_of_depth_is_kept_when_the_search_for_another_one_fails(recording, monkeypatch):
     opened = open_any(recording)
 
     def fail(*_: object) -> NoReturn:
@@ -78,7 +73,7 @@ def test_unit_of_depth_is_kept_when_the_search_for_another_one_fails(
     assert opened.sensor.depth_units.units_per_m == 1000
 
 
-def test_floor_of_depth_is_calibrated_as_a_run_finds_it(recording: Path, json_of: JsonOf) -> None:
+def test_floor_of_depth_is_calibrated_as_a_run_finds_it(recording, json_of):
     assert json_of("calibrate", "floor", recording)["height_m"] == pytest.approx(HEIGHT_M, abs=0.02)
 
 
@@ -92,12 +87,12 @@ def test_person_is_tracked_from_depth_alone_and_alike_step_by_step(engine):
     assert [engine.step(frame).tracks for frame in engine.recording] == [tracks for _, tracks in iterated]
 
 
-def test_a_matcher_of_ones_own_is_refused_for_depth(recording: Path) -> None:
+def test_a_matcher_of_ones_own_is_refused_for_depth(recording):
     with pytest.raises(InputError, match="a matcher of your own needs a recording of stereo pairs"):
         open_engine(recording, config=FEW, matcher=lambda left, right: np.zeros(left.shape, np.float32))
 
 
-def test_run_names_the_sensor_and_no_baseline(recording: Path, tmp_path: Path, cli: Cli) -> None:
+def test_run_names_the_sensor_and_no_baseline(recording, tmp_path, cli):
     status, _ = cli("run", recording, "--out", tmp_path / "out", "--frames", EMPTY + 8, "--rrd")
     assert status == 0
     text = (tmp_path / "out" / "run.json").read_text()
@@ -107,13 +102,13 @@ def test_run_names_the_sensor_and_no_baseline(recording: Path, tmp_path: Path, c
     assert (tmp_path / "out" / "run.rrd").stat().st_size > 0
 
 
-def test_check_passes_depth_that_is_of_its_image(recording: Path) -> None:
+def test_check_passes_depth_that_is_of_its_image(recording):
     diagnosis = examine(recording, frames=10, person_height_m=1.75)
     assert not [check for check in diagnosis.checks if check.failed]
     assert {"depth on its image", "depth delay"} <= {check.name for check in diagnosis.checks}
 
 
-def test_wrong_scale_is_refused_with_its_likely_cause(recording: Path, tmp_path: Path, cli: Cli) -> None:
+def test_wrong_scale_is_refused_with_its_likely_cause(recording, tmp_path, cli):
     copy = tmp_path / "scaled"
     shutil.copytree(recording, copy)
     calibration = copy / "camera.json"

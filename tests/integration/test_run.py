@@ -11,8 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli import Cli
-from toy_run import EMPTY, FEW, FRAMES, Pair, run_few, write_world
+from toy_run import EMPTY, FEW, FRAMES, run_few, write_world
 from toy_stereo import toy_rig, walking, write_toy_recording
 
 from planview.cli import main
@@ -40,14 +39,14 @@ def folder(engine: Engine, recording: Path, tmp_path_factory: pytest.TempPathFac
     return out
 
 
-def test_the_summary_tells_the_counts_and_one_speed_with_its_meaning(folder: Path) -> None:
+def test_the_summary_tells_the_counts_and_one_speed_with_its_meaning(folder):
     output = " ".join((folder.parent / "output.txt").read_text().split())
     assert re.search(r"gate │ tripwire │ left to right \d, right to left \d, people 1", output)
     assert re.search(r"tracked in \d+ s", output)
     assert "medians; reading runs in parallel" in output
 
 
-def test_tracks_have_the_columns_of_the_contract_and_nothing_half_written_is_left(folder: Path) -> None:
+def test_tracks_have_the_columns_of_the_contract_and_nothing_half_written_is_left(folder):
     first = (folder / "tracks.csv").read_text().splitlines()[0]
     place, box = "x_m,y_m,vx_mps,vy_mps,height_m", "left_px,top_px,width_px,height_px"
     assert first == f"frame,timestamp_s,id,{place},state,{box},facing_deg,facing_confidence,confidence,std_m"
@@ -56,7 +55,7 @@ def test_tracks_have_the_columns_of_the_contract_and_nothing_half_written_is_lef
     assert page.rstrip().endswith("</html>") and 'src="http' not in page and 'href="http' not in page
 
 
-def test_the_walker_is_tracked_once_where_he_is(folder: Path) -> None:
+def test_the_walker_is_tracked_once_where_he_is(folder):
     tracks = read_tracks(folder / "tracks.csv")
     sure = tracks.where(tracks.state == "confirmed")
     assert set(sure.track_id) == {1} and len(sure) > FRAMES - EMPTY - 12
@@ -65,7 +64,7 @@ def test_the_walker_is_tracked_once_where_he_is(folder: Path) -> None:
     assert np.median(sure.height_m) == pytest.approx(1.75, abs=0.06)
 
 
-def test_run_json_says_what_was_done(folder: Path, recording: Path) -> None:
+def test_run_json_says_what_was_done(folder, recording):
     info = json.loads((folder / "run.json").read_text())
     assert info["input"] == str(recording) and info["finished"] is True
     assert (info["frames_read"], info["frames_skipped"], info["people"]) == (FRAMES, 0, 1)
@@ -88,18 +87,18 @@ def test_events_name_the_crossing_and_decisions_have_reasons_from_birth_on(folde
     assert "confirmed" in {decision["kind"] for decision in decisions}
 
 
-def test_the_rerun_recording_passes_its_own_verification(folder: Path) -> None:
+def test_the_rerun_recording_passes_its_own_verification(folder):
     rerun = Path(sysconfig.get_path("scripts")) / "rerun"
     done = subprocess.run([rerun, "rrd", "verify", folder / "run.rrd"], capture_output=True, timeout=60)
     assert done.returncode == 0, done.stderr.decode()
 
 
-def test_same_input_and_configuration_give_the_same_tracks(engine: Engine, folder: Path, tmp_path: Path) -> None:
+def test_same_input_and_configuration_give_the_same_tracks(engine, folder, tmp_path):
     run(engine, RunSpec(tmp_path))
     assert (tmp_path / "tracks.csv").read_bytes() == (folder / "tracks.csv").read_bytes()
 
 
-def test_overwriting_leaves_foreign_files_alone(cli: Cli, copy: Path, tmp_path: Path) -> None:
+def test_overwriting_leaves_foreign_files_alone(cli, copy, tmp_path):
     out = tmp_path / "out"
     assert run_few(cli, copy, out, "--frames", "2")[0] == 0
     (out / "notes.txt").write_text("mine")
@@ -107,7 +106,7 @@ def test_overwriting_leaves_foreign_files_alone(cli: Cli, copy: Path, tmp_path: 
     assert (out / "notes.txt").read_text() == "mine" and read_run_info(out / "run.json").frames_read == 3
 
 
-def test_colour_is_tracked_like_grey(pairs: list[Pair], engine: Engine, tmp_path: Path) -> None:
+def test_colour_is_tracked_like_grey(pairs, engine, tmp_path):
     tint = np.array([0.8, 1.0, 0.9])
     coloured = [tuple((image[..., None] * tint).astype(np.uint8) for image in pair) for pair in pairs[:26]]
     recording = write_toy_recording(tmp_path / "colour", toy_rig(), coloured)  # type: ignore[arg-type]
@@ -117,7 +116,7 @@ def test_colour_is_tracked_like_grey(pairs: list[Pair], engine: Engine, tmp_path
     assert [track.state for track in results[-1].tracks] == ["confirmed"]
 
 
-def test_a_folder_may_be_named_like_markup_whatever_the_tracker(cli: Cli, copy: Path, tmp_path: Path) -> None:
+def test_a_folder_may_be_named_like_markup_whatever_the_tracker(cli, copy, tmp_path):
     assert run_few(cli, copy, tmp_path / "[/out]", "--tracker", "template")[0] == 0
     info = read_run_info(tmp_path / "[/out]" / "run.json")
     assert (info.tracker, info.finished, info.frames_read) == ("template", True, FRAMES)

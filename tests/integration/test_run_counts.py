@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pandas
 import pytest
-from cli import Cli, JsonOf
 from crossing_video import CAMERA, CrossingVideo
 from toy_recordings import write_frames
 from toy_rgbd import write_toy_rgbd
@@ -51,7 +50,7 @@ def words(request, tmp_path, cli) -> list[object]:
     return [clip, "--detections", tmp_path / "det.txt", "--calibration", tmp_path / "camera.toml"]
 
 
-def test_run_count_and_python_give_the_same_counts(words, tmp_path: Path, cli: Cli, json_of: JsonOf) -> None:
+def test_run_count_and_python_give_the_same_counts(words, tmp_path, cli, json_of):
     out, rules = tmp_path / "out", tmp_path / "rules.toml"
     assert cli("run", words[0], "--out", tmp_path / "look", *words[1:], "--frames", "3")[0] == 0
     width, height = RunFolder(tmp_path / "look").info.size_px
@@ -83,7 +82,7 @@ def _same(one: object, other: object) -> bool:
     return one == other
 
 
-def test_count_says_what_it_replaces(tmp_path: Path, cli: Cli) -> None:
+def test_count_says_what_it_replaces(tmp_path, cli):
     rows = "".join(f"{i},{i / 10},1,{i / 10 - 1:.1f},2,confirmed\n" for i in range(30))
     (tmp_path / "tracks.csv").write_text("frame,timestamp_s,id,x_m,y_m,state\n" + rows)
     (tmp_path / "rules.toml").write_text('[[tripwire]]\nname = "door"\nfrom_m = [0, 0]\nto_m = [0, 4]\n')
@@ -92,7 +91,7 @@ def test_count_says_what_it_replaces(tmp_path: Path, cli: Cli) -> None:
     assert "replaced" not in first and "replaced" in second and "events.csv" in second
 
 
-def test_line_in_pixels_whose_image_size_is_not_known_is_told(tmp_path: Path, cli: Cli) -> None:
+def test_line_in_pixels_whose_image_size_is_not_known_is_told(tmp_path, cli):
     rows = "".join(f"{i},{i / 10},1,,,confirmed,{5 * i},40,16,40\n" for i in range(30))
     header = "frame,timestamp_s,id,x_m,y_m,state,left_px,top_px,width_px,height_px\n"
     (tmp_path / "tracks.csv").write_text(header + rows)
@@ -103,7 +102,7 @@ def test_line_in_pixels_whose_image_size_is_not_known_is_told(tmp_path: Path, cl
         planview.count(tmp_path, tmp_path / "rules.toml")
 
 
-def test_python_takes_tables_of_pandas_and_prints_short(tmp_path: Path) -> None:
+def test_python_takes_tables_of_pandas_and_prints_short(tmp_path):
     rows = [(i, i / 10, 1, i / 10 - 1, 2.0) for i in range(30)]
     frame = pandas.DataFrame(rows, columns=["frame", "timestamp_s", "id", "x_m", "y_m"])
     (tmp_path / "rules.toml").write_text('[[tripwire]]\nname = "door"\nfrom_m = [0, 0]\nto_m = [0, 4]\n')

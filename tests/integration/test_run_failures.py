@@ -54,7 +54,7 @@ def test_frames_that_cannot_be_used_are_skipped_counted_and_bridged(cli, copy, t
     assert after.timestamp_s[0] == pytest.approx(27 / 15, abs=1e-3)
 
 
-def test_a_span_of_frames_ends_where_it_says_however_many_are_unreadable(copy: Path, tmp_path: Path) -> None:
+def test_a_span_of_frames_ends_where_it_says_however_many_are_unreadable(copy, tmp_path):
     for n in (8, 9, 10, 17, 18):
         (copy / "left" / f"{n:06d}.png").write_bytes(b"no image")
     seen: list[int] = []

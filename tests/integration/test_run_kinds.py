@@ -8,7 +8,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from cli import Cli, JsonOf, Refused
 from toy_recordings import video_pair, write_frames
 from toy_run import EMPTY, FEW, FRAMES, run_few
 
@@ -255,7 +254,7 @@ def out(two: tuple[Path, Path, Path], tmp_path_factory: pytest.TempPathFactory) 
     return folder
 
 
-def test_run_of_two_folders_tracks_what_their_common_folder_gives(two, out, recording, cli: Cli, tmp_path: Path):
+def test_run_of_two_folders_tracks_what_their_common_folder_gives(two, out, recording, cli, tmp_path):
     left, right, rig = two
     status, printed = cli(
         "run", left, right, "--calibration", rig, "--fps", 30, "--out", tmp_path / "two", "--set", FEW
@@ -267,18 +266,18 @@ def test_run_of_two_folders_tracks_what_their_common_folder_gives(two, out, reco
 
 
 @pytest.mark.parametrize(("command", "printed"), [("render", "a.png"), ("replay", "tracked from")])
-def test_both_paths_are_read_again(out: Path, cli: Cli, tmp_path: Path, command: str, printed: str) -> None:
+def test_both_paths_are_read_again(out, cli, tmp_path, command, printed):
     status, output = cli(command, out, "--frame", 20, "--out", tmp_path / "a.png")
     assert status == 0 and printed in output and "only the floor" not in output and (tmp_path / "a.png").is_file()
 
 
-def test_check_takes_two_paths(two: tuple[Path, Path, Path], json_of: JsonOf) -> None:
+def test_check_takes_two_paths(two, json_of):
     left, right, rig = two
     found = json_of("check", left, right, "--quick", "--calibration", rig, "--fps", 15)
     assert found["kind"] == "stereo" and found["frames"] == 36 and found["missing"] == []
 
 
-def test_two_videos_are_the_pair_of_their_folder(tmp_path: Path) -> None:
+def test_two_videos_are_the_pair_of_their_folder(tmp_path):
     (tmp_path / "pair").mkdir()
     folder = video_pair(tmp_path / "pair", (6, 6))
     frames = [frame.image for frame in open_recording(folder)]
@@ -286,5 +285,5 @@ def test_two_videos_are_the_pair_of_their_folder(tmp_path: Path) -> None:
     assert len(found) == len(frames) and all((a == b).all() for a, b in zip(found, frames, strict=True))
 
 
-def test_a_second_path_with_nothing_there_is_named(two: tuple[Path, Path, Path], refused: Refused) -> None:
+def test_a_second_path_with_nothing_there_is_named(two, refused):
     assert "gone: no such file or folder" in refused("run", two[0], "gone", "--out", "out")

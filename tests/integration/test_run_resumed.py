@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cli import Cli
 from crossing_video import CAMERA, CrossingVideo
 from rerun.chunk import RrdReader
 from toy_run import FEW
@@ -35,7 +34,7 @@ from planview.output.resume import (
 from planview.output.run import run
 from planview.output.run_spec import RunSpec
 from planview.output.tables import MapsLog
-from planview.tracking.base import ImageTracker, Tracker
+from planview.tracking.base import Tracker
 from planview.tracking.detections import BoxTracker, DetectionParams, DetectionTracker
 from planview.tracking.ellipse_particle import EllipseParticleTracker
 from planview.tracking.human_model import HumanModelParams
@@ -234,7 +233,7 @@ def test_a_run_resumes_with_new_files_next_to_its_images_and_with_its_rules_unde
     assert checkpoint_of(tmp_path / "out", identity) is not None
 
 
-def test_another_image_or_calibration_is_another_recording(copy: Path, tmp_path: Path) -> None:
+def test_another_image_or_calibration_is_another_recording(copy, tmp_path):
     config = load_config(None, [FEW])
 
     def identity() -> dict[str, dict[str, object]]:
@@ -291,7 +290,7 @@ def test_a_finished_run_of_other_settings_is_not_taken_for_the_one_that_is_resum
     assert {file.name: file.read_bytes() for file in out.iterdir()} == before
 
 
-def test_a_run_that_was_killed_before_it_was_refined_is_refined(cli: Cli, copy: Path, tmp_path: Path) -> None:
+def test_a_run_that_was_killed_before_it_was_refined_is_refined(cli, copy, tmp_path):
     out = tmp_path / "out"
     assert cli("run", copy, "--out", out, "--set", FEW)[0] == 0
     status, output = cli("run", copy, "--out", out, "--set", FEW, "--resume", "--refine")
@@ -356,17 +355,17 @@ def moments(seed: int, first: int, last: int, count: int = 3) -> tuple[int, ...]
 
 
 @pytest.mark.parametrize("tracker", [JointTracker, TemplateTracker])
-def test_a_stereo_engine_resumes(engine: Engine, tmp_path: Path, tracker: Callable[[], Tracker]) -> None:
+def test_a_stereo_engine_resumes(engine, tmp_path, tracker):
     c, setup = engine.config, set_up(engine.recording, engine.config)
     assert_resumes(lambda: engine_of(engine.recording, tracker(), c, setup=setup), moments(1, 8, 35), tmp_path)
 
 
 @pytest.mark.slow
-def test_the_engine_of_two_rigs_resumes(engine: Engine, sensors: Path, tmp_path: Path) -> None:
+def test_the_engine_of_two_rigs_resumes(engine, sensors, tmp_path):
     assert_resumes(lambda: open_engine(sensors, config=engine.config), moments(5, 8, 35, 2), tmp_path)
 
 
-def test_the_engine_of_recorded_maps_resumes(engine: Engine, tmp_path: Path) -> None:
+def test_the_engine_of_recorded_maps_resumes(engine, tmp_path):
     log = MapsLog(engine, tmp_path / "maps.h5")
     for result in engine:
         log.frame(result)
@@ -378,7 +377,7 @@ def test_the_engine_of_recorded_maps_resumes(engine: Engine, tmp_path: Path) -> 
     assert_resumes(make, moments(2, 8, 35), tmp_path)
 
 
-def test_the_engine_of_one_camera_resumes(tmp_path: Path) -> None:
+def test_the_engine_of_one_camera_resumes(tmp_path):
     def make() -> Engine:
         return engine_of(CrossingVideo(), HumanModelTracker(PARAMS, CAMERA, MAP), camera=CAMERA)
 
@@ -386,7 +385,7 @@ def test_the_engine_of_one_camera_resumes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("overview", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_the_ellipse_engine_of_one_camera_resumes(overview: bool, tmp_path: Path) -> None:
+def test_the_ellipse_engine_of_one_camera_resumes(overview, tmp_path):
     def make() -> Engine:
         return engine_of(CrossingVideo(), EllipseParticleTracker(), study=overview)
 
@@ -397,5 +396,5 @@ BOXES = Detections.of([np.array([[10.0 + 2 * n, 20.0, 20.0, 60.0, 0.9]]) for n i
 
 
 @pytest.mark.parametrize("tracker", [BoxTracker(BOXES, 0.05), DetectionTracker(BOXES, DetectionParams(), CAMERA)])
-def test_the_engine_of_boxes_resumes(tracker: ImageTracker, tmp_path: Path) -> None:
+def test_the_engine_of_boxes_resumes(tracker, tmp_path):
     assert_resumes(lambda: engine_of(CrossingVideo(), deepcopy(tracker)), moments(6, 2, 58), tmp_path)

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from cli import Cli, Refused
+from cli import Cli
 from toy_recordings import write_frames
 
 from calib.ground_camera import GroundCamera, save_ground_camera
@@ -83,13 +83,13 @@ def run(request: pytest.FixtureRequest, cli: Cli, tmp_path: Path) -> Run:
     return run_on
 
 
-def test_clip_without_motion_gives_no_people_and_says_why(run: Run, tmp_path: Path) -> None:
+def test_clip_without_motion_gives_no_people_and_says_why(run, tmp_path):
     info, printed = run(lambda i: np.full((120, 160, 3), 90, np.uint8), 20)
     assert "nothing of a person's size moved in 20 frames" in printed and info.remark.startswith("nothing")
     assert len((tmp_path / "out" / "tracks.csv").read_text().splitlines()) == 1
 
 
-def test_camera_for_another_image_size_is_refused(refused: Refused, tmp_path: Path) -> None:
+def test_camera_for_another_image_size_is_refused(refused, tmp_path):
     clip = write_clip(tmp_path / "clip.avi", walked, 3)
     printed = refused(
         "run", clip, "--tracker", "human-model", "--out", tmp_path, "--camera", camera(tmp_path, width=320)
@@ -98,37 +98,37 @@ def test_camera_for_another_image_size_is_refused(refused: Refused, tmp_path: Pa
 
 
 @pytest.mark.parametrize("setting", ["min_height_px=1000", "max_distance_m=1e-9"])
-def test_settings_that_leave_no_place_for_people_are_refused(refused: Refused, tmp_path: Path, setting: str) -> None:
+def test_settings_that_leave_no_place_for_people_are_refused(refused, tmp_path, setting):
     clip = write_clip(tmp_path / "clip.avi", walked, 3)
     words = ["--tracker", "human-model", "--out", tmp_path / "out", "--camera", camera(tmp_path)]
     printed = refused("run", clip, *words, "--set", f"human_model.map.{setting}")
     assert "human_model.map: expected floor on which people of min_height_px show within max_distance_m" in printed
 
 
-def test_truncated_video_is_refused(refused: Refused, tmp_path: Path) -> None:
+def test_truncated_video_is_refused(refused, tmp_path):
     clip = write_clip(tmp_path / "cut.avi", walked, 3)
     clip.write_bytes(clip.read_bytes()[:400])
     printed = refused("run", clip, "--tracker", "ellipse-particle", "--out", tmp_path / "out")
     assert "cut.avi: expected a video" in printed
 
 
-def test_moving_camera_counts_nobody_and_is_told(run: Run) -> None:
+def test_moving_camera_counts_nobody_and_is_told(run):
     info, printed = run(panned, 40)
     assert info.people == 0 and [warning.name for warning in info.warnings] == ["camera moved"]
     assert "the camera has rotated by" in printed
 
 
-def test_scene_cut_makes_no_people_and_is_told(run: Run) -> None:
+def test_scene_cut_makes_no_people_and_is_told(run):
     info, _ = run(cut, 60)
     assert info.people <= 1 and [warning.name for warning in info.warnings] == ["camera moved"]
     assert "the camera shows another view at frame" in info.warnings[0].text
 
 
-def test_person_throughout_is_counted_once_by_ellipses_and_at_most_twice_by_models(run: Run) -> None:
+def test_person_throughout_is_counted_once_by_ellipses_and_at_most_twice_by_models(run):
     info, _ = run(there_throughout, 60)
     assert 1 <= info.people <= (1 if info.tracker == "ellipse-particle" else 2) and not info.warnings
 
 
-def test_two_seconds_count_no_more_than_are_there(run: Run) -> None:
+def test_two_seconds_count_no_more_than_are_there(run):
     info, _ = run(walked, 20)
     assert info.people <= 1 and not info.warnings

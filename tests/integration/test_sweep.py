@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from cli import Cli, one_sentence
+from cli import one_sentence
 from distributed import Client, LocalCluster
 from toy_run import EMPTY, FEW, FRAMES
 from toy_stereo import walking
@@ -77,7 +77,7 @@ def test_study_does_no_run_twice(cli, halls):
     assert [(r["joint.stay_s"], r["state"]) for r in rows(out)] == [("0.35", "done"), ("0.45", "done")]
 
 
-def test_study_gives_the_tracks_of_a_plain_run(cli: Cli, copy: Path, tmp_path: Path) -> None:
+def test_study_gives_the_tracks_of_a_plain_run(cli, copy, tmp_path):
     (tmp_path / "c.toml").write_text("[analysis]\nsetup_frames = 4\n")
     assert cli("run", copy, "--out", tmp_path / "plain", "--set", FEW)[0] == 0
     path = study(tmp_path, 'recordings = ["copy"]\nconfig = "c.toml"\n')
@@ -86,7 +86,7 @@ def test_study_gives_the_tracks_of_a_plain_run(cli: Cli, copy: Path, tmp_path: P
     assert tracks.read_bytes() == (tmp_path / "plain" / "tracks.csv").read_bytes()
 
 
-def test_recordings_of_one_name_do_not_get_each_others_results(cli: Cli, halls: Path) -> None:
+def test_recordings_of_one_name_do_not_get_each_others_results(cli, halls):
     out = halls / "out"
     with (halls / "b" / "maps.h5").open("ab") as file:
         file.write(b"\0")
@@ -131,14 +131,14 @@ def test_json_has_every_run_with_its_figures(halls, json_of):
 
 
 @pytest.mark.parametrize("vary", ["maps.no_such=1,2", "maps.cell_m", "maps.cell_m=0.03,0.03", "seed=x", "seed=-1"])
-def test_sweep_refuses_wrong_settings_before_it_runs(cli: Cli, copy: Path, tmp_path: Path, vary: str) -> None:
+def test_sweep_refuses_wrong_settings_before_it_runs(cli, copy, tmp_path, vary):
     status, output = cli("sweep", copy, "--out", tmp_path / "sweep", "--vary", vary)
     assert status == 2
     assert one_sentence(output)
     assert not (tmp_path / "sweep").exists()
 
 
-def test_what_killed_processes_left_is_removed(cli: Cli, halls: Path) -> None:
+def test_what_killed_processes_left_is_removed(cli, halls):
     left = halls / "out" / "jobs" / ".attempt-4194305-0"
     left.mkdir(parents=True)
     assert cli("sweep", halls / "a" / "maps.h5", "--out", halls / "out")[0] == 0

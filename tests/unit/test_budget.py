@@ -54,7 +54,7 @@ def classes() -> Iterator[tuple[str, str]]:
                 yield node.name, path.relative_to(ROOT).as_posix()
 
 
-def test_every_room_has_a_budget() -> None:
+def test_every_room_has_a_budget():
     assert sorted(BUDGET["tokens"]) == sorted(BUDGET["density"]) == sorted(["total", "tests", *rooms()])
 
 
@@ -64,26 +64,26 @@ def sizes() -> dict[str, dict[str, float]]:
 
 
 @pytest.mark.parametrize("table", ["tokens", "density", "per 1000 lines"])
-def test_nothing_outgrows_its_budget(table: str, sizes: dict[str, dict[str, float]]) -> None:
+def test_nothing_outgrows_its_budget(table, sizes):
     budgets = BUDGET[table]
     too_large = {name: size for name, size in sizes[table].items() if size > allowed(name, size, **budgets[name])}
     assert not too_large
 
 
-def test_size_counts_tokens_and_lines_without_comments_and_docstrings() -> None:
+def test_size_counts_tokens_and_lines_without_comments_and_docstrings():
     size = size_of_text('"""Text."""\n\n# comment\na, b = 1, 2\nc = a if b else 0\n')
     assert (size.tokens, size.code_lines) == (7 + 7, 2)
     assert (size.double_assignments, size.conditionals, size.comprehensions) == (1, 1, 0)
 
 
 @pytest.mark.parametrize("tracker", sorted(set(BUDGET["numbers"]) - {"target"}))
-def test_no_tracker_has_more_numbers_than_it_may(tracker: str) -> None:
+def test_no_tracker_has_more_numbers_than_it_may(tracker):
     numbers = sum(map(numbers_in, files_of(f"planview/tracking/{tracker}")))
     name, budget = f"numbers of {tracker}", BUDGET["numbers"]
     assert 0 < numbers <= allowed(name, numbers, budget["target"], budget[tracker])
 
 
-def test_a_class_name_means_one_thing() -> None:
+def test_a_class_name_means_one_thing():
     count = Counter(name for name, _ in classes())
     twice = {name: [where for other, where in classes() if other == name] for name, n in count.items() if n > 1}
     assert set(twice) <= set(BUDGET["classes"]["defined_twice"]), twice

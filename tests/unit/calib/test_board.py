@@ -46,13 +46,13 @@ def test_corners_are_found_to_a_hundredth_of_a_pixel_and_in_a_small_image_at_its
     assert min(np.abs(order - expected).max() for order in (corners.pixels, corners.pixels[::-1])) < most_px
 
 
-def test_counts_of_a_board_are_found_and_a_part_is_distinguished_from_the_whole() -> None:
+def test_counts_of_a_board_are_found_and_a_part_is_distinguished_from_the_whole():
     images = [board_image(8, 5)] * 3
     assert find_counts(images) == (8, 5) and larger_counts(images, (4, 3)) == (8, 5)
     assert larger_counts(images, (5, 8)) is None
 
 
-def test_no_board_is_found_in_blank_and_noisy_images() -> None:
+def test_no_board_is_found_in_blank_and_noisy_images():
     noise = np.random.default_rng(0).integers(0, 255, (120, 160)).astype(np.uint8)
     blank = np.full((120, 160), 90, np.uint8)
     assert find_counts([blank, noise]) is None and Detector(Board(7, 5, 0.03))(blank) is None
@@ -73,7 +73,7 @@ def charuco(name: str) -> tuple[Board, U8]:
     return board, np.asarray(made.generateImage((700, 500), marginSize=20), dtype=np.uint8)
 
 
-def test_charuco_corners_carry_their_ids_when_half_of_the_board_is_hidden() -> None:
+def test_charuco_corners_carry_their_ids_when_half_of_the_board_is_hidden():
     board, image = charuco("DICT_5X5_100")
     whole = Detector(board)(image)
     image[:, 400:] = 255
@@ -83,7 +83,7 @@ def test_charuco_corners_carry_their_ids_when_half_of_the_board_is_hidden() -> N
     assert max(np.abs(both[int(i)] - p).max() for i, p in zip(part.ids, part.pixels, strict=True)) < 0.5
 
 
-def test_dictionary_of_a_charuco_board_is_found() -> None:
+def test_dictionary_of_a_charuco_board_is_found():
     board, large = charuco("DICT_6X6_250")
     image = np.asarray(cv2.resize(large, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.uint8)
     opened = Board(6, 4, 0.04, "DICT_4X4_50", 0.03)
@@ -93,7 +93,7 @@ def test_dictionary_of_a_charuco_board_is_found() -> None:
     assert (found.cols, found.rows) == (board.cols, board.rows)
 
 
-def test_blur_lowers_sharpness() -> None:
+def test_blur_lowers_sharpness():
     image = board_image(8, 5)
     corners = Detector(Board(8, 5, 0.03))(image)
     assert corners is not None
@@ -101,7 +101,7 @@ def test_blur_lowers_sharpness() -> None:
     assert sharpness(blurred, corners) < 0.6 * sharpness(image, corners)
 
 
-def test_selection_leaves_out_blurred_and_repeated_views() -> None:
+def test_selection_leaves_out_blurred_and_repeated_views():
     rng = np.random.default_rng(0)
     rig = random_rig("plain", rng)
     different = board_views(rig, Board(7, 5, 0.04), 10, 0.0, rng)
@@ -121,14 +121,14 @@ def views_of(lens: str = "brown", n: int = 20, noise_px: float = 0.2, seed: int 
     return rig, board_views(rig, BOARD, n, noise_px, rng)
 
 
-def test_exact_corners_give_the_exact_rig() -> None:
+def test_exact_corners_give_the_exact_rig():
     truth, views = views_of(n=8, noise_px=0.0)
     found = solve_board(views, BOARD, SIZE, model="brown")
     assert max(calibration_errors(truth, found.rig)) < 1e-3 and found.fit.rms_px < 1e-4
 
 
 @pytest.mark.parametrize(("lens", "seed"), [("brown", 1), ("brown", 3), ("fisheye", 2)])
-def test_noisy_corners_give_the_rig_within_the_limits_asked_and_its_own_deviations(lens: str, seed: int) -> None:
+def test_noisy_corners_give_the_rig_within_the_limits_asked_and_its_own_deviations(lens, seed):
     truth, views = views_of(lens, 24, seed=seed)
     found = solve_board(views, BOARD, SIZE, model="fisheye" if lens == "fisheye" else "brown")
     focal, baseline, turn_deg = calibration_errors(truth, found.rig)
@@ -137,7 +137,7 @@ def test_noisy_corners_give_the_rig_within_the_limits_asked_and_its_own_deviatio
     assert abs(found.rig.baseline_m - truth.baseline_m) < 4 * found.std["baseline"]
 
 
-def test_lens_is_chosen_by_views_left_out() -> None:
+def test_lens_is_chosen_by_views_left_out():
     _, views = views_of("fisheye", 8, seed=4)
     found = solve_board(views, BOARD, SIZE)
     assert choose_lens(found.lenses).lens.model == found.rig.left.model == "fisheye"
@@ -147,12 +147,12 @@ def test_lens_is_chosen_by_views_left_out() -> None:
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_rotation_of_a_rig_without_distortion_is_exact_to_three_hundredths_of_a_degree(seed: int) -> None:
+def test_rotation_of_a_rig_without_distortion_is_exact_to_three_hundredths_of_a_degree(seed):
     truth, views = views_of("plain", 12, seed=seed)
     assert calibration_errors(truth, solve_board(views, BOARD, SIZE).rig)[2] < 0.03
 
 
-def test_wrong_corners_in_a_view_are_named_and_left_out() -> None:
+def test_wrong_corners_in_a_view_are_named_and_left_out():
     truth, views = views_of(n=12)
     views[4] = replace(views[4], right=views[4].right + np.array([6.0, -4.0]))
     found = solve_board(views, BOARD, SIZE, model="brown")
@@ -160,7 +160,7 @@ def test_wrong_corners_in_a_view_are_named_and_left_out() -> None:
     assert "times the median" in found.rejected[0].why and calibration_errors(truth, found.rig)[1] < 0.3
 
 
-def test_too_few_pairs_are_refused() -> None:
+def test_too_few_pairs_are_refused():
     _, views = views_of(n=4)
     with pytest.raises(InputError, match=r"expected at least 5 pairs .* found 4 of 5, e.g. x: blank"):
         solve_board(views, BOARD, SIZE, rejected=[RejectedView("x", "blank")], source="photos")
@@ -206,12 +206,12 @@ def seen_at_a_square_of_2_cm() -> list[BoardView]:
         (seen_at_a_square_of_2_cm, 0.5, "is the size of a square right"),
     ],
 )
-def test_views_that_give_no_rig_are_refused_with_the_reason(make, square_m, message) -> None:
+def test_views_that_give_no_rig_are_refused_with_the_reason(make, square_m, message):
     with pytest.raises(InputError, match=message):
         solve_board(make(), Board(7, 5, square_m), SIZE, model="brown")
 
 
-def test_errors_per_view_are_those_that_opencv_reports() -> None:
+def test_errors_per_view_are_those_that_opencv_reports():
     truth, views = views_of("brown", 6)
     fit = fit_rig(views, BOARD.points, (truth.left, truth.right), LENSES[1])
     one = np.float32
@@ -225,7 +225,7 @@ def test_errors_per_view_are_those_that_opencv_reports() -> None:
     np.testing.assert_allclose(found, per_view, rtol=0.01)
 
 
-def test_fisheye_boards_of_which_parts_are_hidden_give_the_rig() -> None:
+def test_fisheye_boards_of_which_parts_are_hidden_give_the_rig():
     # OpenCV's fisheye.stereoCalibrate demands the same number of corners in all views.
     truth, views = views_of("fisheye", 12, seed=2)
     views[3] = BoardView("part", views[3].ids[7:], views[3].left[7:], views[3].right[7:])

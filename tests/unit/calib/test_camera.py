@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from calib.camera import Camera
 from calib.errors import InputError
-from calib.floor_camera import FloorCamera, FloorPinhole
+from calib.floor_camera import FloorPinhole
 from calib.formats import base
 from calib.formats.one_camera import holds_one_camera, load_one_camera, load_tsai
 from calib.ground_camera import LENS_K_320, GroundCamera, load_ground_camera, save_ground_camera
@@ -31,13 +31,13 @@ TILTED = Camera(640, 480, 500.0, 505.0, 320.0, 240.0, "rational", TILT)
 
 
 @pytest.mark.parametrize("camera", [BROWN, FISHEYE, RATIONAL, TILTED])
-def test_camera_unproject_inverts_project(camera: Camera) -> None:
+def test_camera_unproject_inverts_project(camera):
     points = np.array([[0.0, 0.0, 2.0], [0.8, -0.5, 2.0], [-0.9, 0.6, 3.0], [1.0, 0.6, 2.0]])
     rays = camera.unproject(camera.project(points))
     np.testing.assert_allclose(rays, points / points[:, 2:], atol=1e-9)
 
 
-def test_camera_has_no_ray_for_a_pixel_beyond_where_its_lens_turns_back() -> None:
+def test_camera_has_no_ray_for_a_pixel_beyond_where_its_lens_turns_back():
     # r - 0.3 r^3 has its maximum 0.7027 at r = 1.054: nothing is imaged further out than 351 px.
     camera = Camera(1000, 480, 500.0, 500.0, 500.0, 240.0, "brown", (-0.3, 0.0, 0.0, 0.0))
     rays = camera.unproject([[500.0 + 340.0, 240.0], [500.0 + 360.0, 240.0]])
@@ -50,7 +50,7 @@ def test_camera_projects_points_behind_it_to_nan_and_refuses_nan():
         Camera(640, 480, float("nan"), 500.0, 320.0, 240.0)
 
 
-def test_scaled_camera_keeps_pixel_centres() -> None:
+def test_scaled_camera_keeps_pixel_centres():
     half = BROWN.scaled(320, 240)
     pixel = BROWN.project([[0.4, 0.2, 2.0]])
     np.testing.assert_allclose(half.project([[0.4, 0.2, 2.0]]), (pixel + 0.5) / 2 - 0.5, atol=1e-9)
@@ -76,7 +76,7 @@ def test_world_has_y_up_the_image_of_an_overhead_camera_and_ahead_of_a_level_one
     assert np.degrees(floor.tilt_rad) == pytest.approx(tilt_deg) and floor.height_m == pytest.approx(height_m)
 
 
-def test_roll_turns_the_image_clockwise_about_its_centre() -> None:
+def test_roll_turns_the_image_clockwise_about_its_centre():
     level = GroundCamera(641, 481, 500.0, 4.0, math.radians(60))
     rolled = GroundCamera(641, 481, 500.0, 4.0, math.radians(60), roll_rad=math.radians(30))
     point = [1.0, 6.0, 0.0]
@@ -90,14 +90,14 @@ def test_roll_turns_the_image_clockwise_about_its_centre() -> None:
     tilt=st.floats(0, 75), roll=st.floats(-20, 20), x=st.floats(-2, 2), y=st.floats(1, 8),
     lens=st.sampled_from(sorted(LENS_K_320)),
 )  # fmt: skip
-def test_floor_positions_come_back_from_their_pixels(tilt: float, roll: float, x: float, y: float, lens: str) -> None:
+def test_floor_positions_come_back_from_their_pixels(tilt, roll, x, y, lens):
     camera = GroundCamera(640, 480, 500.0, 4.0, math.radians(tilt), lens, math.radians(roll))
     pixel = camera.project([x, y, 0.0])
     if np.isfinite(pixel).all():
         np.testing.assert_allclose(camera.back_project(pixel), [x, y], atol=1e-6)
 
 
-def test_what_is_higher_than_the_camera_is_ahead_of_it_or_nowhere() -> None:
+def test_what_is_higher_than_the_camera_is_ahead_of_it_or_nowhere():
     camera = GroundCamera(640, 480, 500.0, 1.2, math.radians(85))
     pixel, below_the_horizon = camera.project([[0.5, 4.0, 1.7], [0.5, 4.0, 1.0]])
     np.testing.assert_allclose(camera.back_project(pixel, 1.7), [0.5, 4.0])
@@ -105,7 +105,7 @@ def test_what_is_higher_than_the_camera_is_ahead_of_it_or_nowhere() -> None:
     assert np.isnan(camera.back_project(pixel, 1.2)).all()
 
 
-def test_camera_survives_saving_its_file_may_lack_the_roll_and_one_on_its_side_is_refused(tmp_path: Path) -> None:
+def test_camera_survives_saving_its_file_may_lack_the_roll_and_one_on_its_side_is_refused(tmp_path):
     path, camera = tmp_path / "camera.toml", GroundCamera(640, 480, 512.3, 4.1, math.radians(61), "normal", -0.0436)
     save_ground_camera(camera, path)
     assert load_ground_camera(path).roll_rad == pytest.approx(camera.roll_rad)
@@ -121,14 +121,14 @@ NORTH = RigEntry("north", SE3.from_rotvec([2.0, 0.1, 0.2], [0.0, 0.0, 2.4]))
 SOUTH = RigEntry('so"uth\n', SE3.from_rotvec([2.1, 0.3, 0.4], [3.0, 1.0, 2.2]), 1.25)
 
 
-def test_sensors_are_read_as_they_were_written(tmp_path: Path) -> None:
+def test_sensors_are_read_as_they_were_written(tmp_path):
     save_rigs([NORTH, SOUTH], tmp_path / "rigs.toml", "two\nlines")
     for entry, again in zip((NORTH, SOUTH), load_rigs(tmp_path / "rigs.toml"), strict=True):
         assert (again.folder, again.start_s) == (entry.folder, entry.start_s)
         np.testing.assert_array_equal(again.world_SE3_left.matrix, entry.world_SE3_left.matrix)
 
 
-def test_older_files_list_sensors_as_heads(tmp_path: Path) -> None:
+def test_older_files_list_sensors_as_heads(tmp_path):
     path = tmp_path / "rigs.toml"
     save_rigs([NORTH, SOUTH], path)
     path.write_text(path.read_text().replace("[sensor.", "[head.").replace("[[sensor]]", "[[head]]"))
@@ -144,7 +144,7 @@ def test_older_files_list_sensors_as_heads(tmp_path: Path) -> None:
         ([], "'sensor'"),
     ],
 )
-def test_sensors_that_cannot_be_are_refused(entries: list[RigEntry], found: str, tmp_path: Path) -> None:
+def test_sensors_that_cannot_be_are_refused(entries, found, tmp_path):
     save_rigs(entries, tmp_path / "rigs.toml")
     with pytest.raises(InputError, match=found):
         load_rigs(tmp_path / "rigs.toml")
@@ -158,7 +158,7 @@ def test_files_that_list_no_sensors_are_refused_at_once(text, tmp_path):
 
 
 @pytest.mark.parametrize("extent", [(5.0, 0.0, 3.0, 6.0), (float("nan"), 0.0, 3.0, 6.0), (0.0, 0.0, float("inf"), 1.0)])
-def test_extent_that_is_no_rectangle_is_refused(extent: tuple[float, float, float, float], tmp_path: Path) -> None:
+def test_extent_that_is_no_rectangle_is_refused(extent, tmp_path):
     save_world(Floor(NORTH.world_SE3_left, extent_m=extent), tmp_path / "world.toml")
     with pytest.raises(InputError, match="an extent_m of"):
         load_world(tmp_path / "world.toml")
@@ -171,7 +171,7 @@ POSE = SE3.from_rotvec([np.radians(180 + 40), 0.0, 0.1], [0.2, -0.3, 2.7])
 @pytest.mark.parametrize(
     "camera", [GroundCamera(320, 240, 250.0, 3.0, 0.9, roll_rad=0.1), FloorPinhole((320, 240), PINHOLE, POSE)]
 )
-def test_floor_cameras_agree_with_their_projection_and_find_the_floor_again(camera: FloorCamera) -> None:
+def test_floor_cameras_agree_with_their_projection_and_find_the_floor_again(camera):
     pixels = np.array([[100.0, 200.0], [160.0, 120.0], [300.0, 230.0]])
     on_floor = np.column_stack([camera.back_project(pixels), np.zeros(3)])
     np.testing.assert_allclose(camera.project(on_floor), pixels, atol=1e-9)
@@ -204,19 +204,19 @@ def test_tsai_camera_has_nothing_above_the_horizon(tmp_path):
 
 
 @pytest.mark.parametrize("kappa", ["0.01", "-0.005"])
-def test_tsai_back_projection_inverts_projection(kappa: str, tmp_path: Path) -> None:
+def test_tsai_back_projection_inverts_projection(kappa, tmp_path):
     camera = load_tsai(tsai(tmp_path, kappa=kappa, rx="2.2"))
     floor = np.array([[0.0, 0.5, 0.3], [0.4, -0.2, 0.3]])
     np.testing.assert_allclose(camera.back_project(camera.project(floor), 0.3), floor[:, :2], atol=1e-10)
 
 
 @pytest.mark.parametrize("value", [{"focal": "nan"}, {"focal": "-1"}, {"focal": "x"}, {"pitch": 'dpx="0"'}], ids=str)
-def test_tsai_file_with_a_bad_number_is_refused(value, tmp_path: Path) -> None:
+def test_tsai_file_with_a_bad_number_is_refused(value, tmp_path):
     with pytest.raises(InputError, match=r"view.xml: expected a Tsai camera"):
         load_tsai(tsai(tmp_path, **value))
 
 
-def test_tsai_camera_is_the_same_camera_above_the_floor_at_the_size_of_the_images(tmp_path: Path) -> None:
+def test_tsai_camera_is_the_same_camera_above_the_floor_at_the_size_of_the_images(tmp_path):
     turn = math.radians(180 - 70)  # looks along +y, 7 m above the floor
     path = tsai(tmp_path, "11", rx=f"{turn}", ty=f"{7000 * math.sin(turn)}", tz=f"{-7000 * math.cos(turn)}")
     assert holds_one_camera(path)
@@ -247,6 +247,6 @@ def test_lens_without_a_place_is_refused_with_its_focal_length(name, text, lens,
         load_one_camera(tmp_path / name)
 
 
-def test_transposed_camera_matrix_is_named() -> None:
+def test_transposed_camera_matrix_is_named():
     with pytest.raises(ValueError, match="for M1, found it transposed"):
         base.camera((640, 480), np.array([500.0, 0, 0, 0, 500, 0, 320, 240, 1]), np.zeros(5), name="M1")

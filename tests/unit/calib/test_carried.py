@@ -47,24 +47,24 @@ class Room(Carried):
         np.float32(0.1), np.float64(0.1), np.int64(-3), np.timedelta64(3, "s"),
     ],
 )  # fmt: skip
-def test_value_comes_back_with_its_type(value: object) -> None:
+def test_value_comes_back_with_its_type(value):
     back = restored(plain(value))
     assert (type(back), repr(back)) == (type(value), repr(value))
 
 
-def test_state_is_what_json_holds_and_arrays() -> None:
+def test_state_is_what_json_holds_and_arrays():
     arrays: list[object] = []
     json.dumps(Room().state(), default=lambda value: arrays.append(value))
     assert len(arrays) == 3 and all(isinstance(array, np.ndarray) for array in arrays)
 
 
 @pytest.mark.parametrize("value", [Somebody("Ann"), lambda: 1, np.array([object()]), print])
-def test_what_is_no_plain_value_is_refused(value: object) -> None:
+def test_what_is_no_plain_value_is_refused(value):
     with pytest.raises(TypeError, match="a checkpoint cannot hold a value of class"):
         plain({"it": [0, value]})
 
 
-def test_records_come_back_as_their_classes() -> None:
+def test_records_come_back_as_their_classes():
     room = Room()
     room.people, room.guest = {}, (Somebody("Cy"), 0.0)
     room.set_state(Room().state())
@@ -74,13 +74,13 @@ def test_records_come_back_as_their_classes() -> None:
     assert (bo.name, bo.place, bo.met) == ("Bo", None, [])
 
 
-def test_record_in_several_places_is_one_again() -> None:
+def test_record_in_several_places_is_one_again():
     room = Room()
     room.set_state(Room().state())
     assert room.people[1] is room.people[3] is room.guest[0]
 
 
-def test_state_is_a_copy_both_ways() -> None:
+def test_state_is_a_copy_both_ways():
     room = Room()
     state = room.state()
     for _ in range(2):
@@ -90,7 +90,7 @@ def test_state_is_a_copy_both_ways() -> None:
         assert room.lights.lit["door"].tolist() == [0.0, 0.0] and len(room.people[1].met) == 1
 
 
-def test_random_generator_goes_on_with_the_same_numbers() -> None:
+def test_random_generator_goes_on_with_the_same_numbers():
     room, other = Room(), Room()
     room.rng.normal(size=5)
     other.set_state(room.state())

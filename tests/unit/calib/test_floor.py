@@ -1,6 +1,5 @@
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -84,7 +83,7 @@ def room(pose: SE3, *planes: tuple[Any, ...]) -> Room:
 
 
 @pytest.mark.parametrize("tilt_deg", [0, 30, 60, 75])
-def test_floor_is_found_among_walls_and_a_table_at_any_tilt(tilt_deg: float) -> None:
+def test_floor_is_found_among_walls_and_a_table_at_any_tilt(tilt_deg):
     pose, ahead = pose_of(tilt_deg, 2.6, 2.0), 2.6 * math.tan(math.radians(tilt_deg))
     table = (FLOOR, 0.75, (-0.6, 0.6, ahead - 0.4, ahead + 0.4))
     floor = found(room(pose, (FLOOR, 0.0), (WALL, 6.0), ((1.0, 0.0, 0.0), -3.0), table).clouds())
@@ -93,7 +92,7 @@ def test_floor_is_found_among_walls_and_a_table_at_any_tilt(tilt_deg: float) -> 
     assert math.degrees(floor.tilt_rad - Floor(pose).tilt_rad) == pytest.approx(0.0, abs=0.3)
 
 
-def test_wall_before_which_people_walk_is_no_floor_seen_from_above() -> None:
+def test_wall_before_which_people_walk_is_no_floor_seen_from_above():
     clouds = room(pose_of(80, 1.8), (WALL, 5.5)).clouds(6, people=False)
     floor = found(clouds)
     assert floor.height_m == pytest.approx(5.5, abs=0.2) and "a wall in front of a level camera" in floor.doubt
@@ -121,55 +120,55 @@ def objection(plane: Plane, *patches: F64) -> str:
     return Moved.of(patches).objection(plane, FloorParams())
 
 
-def test_wall_along_which_people_stand_is_no_floor() -> None:
+def test_wall_along_which_people_stand_is_no_floor():
     people = [patch((x, 0.2, 2.2), MAN_M, 900) for x in (-1.0, 0.0, 1.0)]
     assert objection(WALL_AHEAD, *people) == LIES
     assert objection(LEVEL_FLOOR, *people) == ""
 
 
-def test_wall_to_and_from_which_people_walk_is_no_floor() -> None:
+def test_wall_to_and_from_which_people_walk_is_no_floor():
     seated = [patch((0.1 * z, 0.2, z), (0.5, 0.7, 0.5), 900) for z in (1.2, 1.9, 2.6)]
     assert objection(WALL_AHEAD, *seated) == LIES
     assert objection(LEVEL_FLOOR, *seated) == ""
 
 
-def test_flickering_edges_do_not_outvote_a_man() -> None:
+def test_flickering_edges_do_not_outvote_a_man():
     edges = [patch((x, 0.1, 2.2), EDGE_M[::-1], 70) for x in (-1.0, -0.4, 0.4, 1.0)]
     assert objection(LEVEL_FLOOR, patch((0.3, 0.2, 2.6), MAN_M, 2145), *edges) == ""
 
 
 @pytest.mark.parametrize("points", [500, 2000])
-def test_a_patch_counts_by_its_points(points: int) -> None:
+def test_a_patch_counts_by_its_points(points):
     lying = [patch((0.5 * x, 0.3, 2.2), (0.4, 0.3, 1.2), 400) for x in (-1, 0, 1)]
     man = patch((0.0, 0.3, 2.2), MAN_M, points)
     assert objection(LEVEL_FLOOR, man, *lying) == (LIES if points < 1200 else "")
 
 
-def test_copies_of_patches_change_nothing() -> None:
+def test_copies_of_patches_change_nothing():
     patches = [patch((0, 0.3, 2.2), MAN_M, 900), *(patch((x, 0.3, 2.2), (0.4, 0.3, 1.2), 400) for x in (-0.5, 0.5))]
     once, thrice = (Moved.of(patches * times).floor_to_wall(LEVEL_FLOOR, FloorParams()) for times in (1, 3))
     assert once == pytest.approx(thrice)
 
 
 @pytest.mark.parametrize("tilt_deg", [40, 58, 70])
-def test_carried_board_does_not_speak_against_the_floor_of_a_camera_that_looks_down(tilt_deg: float) -> None:
+def test_carried_board_does_not_speak_against_the_floor_of_a_camera_that_looks_down(tilt_deg):
     boards = [patch((x, 0.0, 3.0), BOARD_M, 900) for x in (-0.5, 0.0, 0.5)]
     assert objection(plane_at(tilt_deg, 2.6), *boards) == ""
 
 
-def test_board_carried_about_below_an_overhead_camera_does_not_speak_against_the_floor() -> None:
+def test_board_carried_about_below_an_overhead_camera_does_not_speak_against_the_floor():
     across = [patch((x, -1.0, 1.7), BOARD_M, 900) for x in (-1.0, 0.0, 1.0)]
     along = [patch((1.0, y, 1.7), (0.5, 1.6, 0.5), 900) for y in (-0.5, 0.5)]
     assert objection(BELOW, *across, *along) == ""
 
 
-def test_thing_carried_across_a_straight_view_leaves_a_doubt() -> None:
+def test_thing_carried_across_a_straight_view_leaves_a_doubt():
     boards = [patch((x, 0.1, 1.7), BOARD_M, 900) for x in (-0.5, 0.0, 0.5)]
     assert "a wall in front of a level camera" in found(room(pose_of(0, 2.8)).clouds(people=False), boards).doubt
 
 
 @pytest.mark.parametrize("tilt_deg", [88.5, 90, 91.5])
-def test_floor_of_a_level_camera_is_found_where_people_walk_before_the_wall(tilt_deg: float) -> None:
+def test_floor_of_a_level_camera_is_found_where_people_walk_before_the_wall(tilt_deg):
     clouds = room(pose_of(tilt_deg, 1.3), (FLOOR, 0.0), (WALL, 6.0)).clouds(6, people=False)
     floor = found(clouds, moved=[PERSON])
     assert floor.height_m == pytest.approx(1.3, abs=0.03) and floor.inlier_fraction < 0.35
@@ -178,26 +177,26 @@ def test_floor_of_a_level_camera_is_found_where_people_walk_before_the_wall(tilt
     assert alone.height_m == pytest.approx(1.3, abs=0.03) and "another plane would be the floor 6.0" in alone.doubt
 
 
-def test_refusal_names_the_best_plane_and_the_world_that_accepts_it(tmp_path: Path) -> None:
+def test_refusal_names_the_best_plane_and_the_world_that_accepts_it(tmp_path):
     with pytest.raises(WorkError, match=r"best plane, 0.70 m from the camera at tilt 60.0 .* refused: 0.70 m") as e:
         found(room(pose_of(60, 0.7)).clouds(people=False))
     (tmp_path / "world.toml").write_text("world_SE3_left" + str(e.value).split("world_SE3_left")[1])
     assert load_world(tmp_path / "world.toml").height_m == pytest.approx(0.7, abs=0.01)
 
 
-def test_floor_has_its_uncertainty_and_extent() -> None:
+def test_floor_has_its_uncertainty_and_extent():
     floor = found(room(pose_of(45, 3.0), (FLOOR, 0.0, (-2, 2, 1.5, 6))).clouds())
     assert floor.covariance is not None and floor.extent_m is not None
     assert 0 < math.sqrt(floor.covariance[0, 0]) < 0.02 and floor.residual_m < 0.1
     assert floor.extent_m[1] == pytest.approx(1.5, abs=0.2)
 
 
-def test_floor_takes_the_floor_below_a_table_that_is_larger() -> None:
+def test_floor_takes_the_floor_below_a_table_that_is_larger():
     clouds = room(pose_of(0, 3.0), (FLOOR, 0.0), (FLOOR, 0.75, (-1.0, 1.0, -0.5, 0.7))).clouds(people=False)
     assert found(clouds).height_m == pytest.approx(3.0, abs=0.02)
 
 
-def test_upside_down_camera_is_named_where_its_floor_is_refused() -> None:
+def test_upside_down_camera_is_named_where_its_floor_is_refused():
     turned = [cloud * np.array([-1, -1, 1], np.float32) for cloud in room(pose_of(60, 2.5)).clouds(people=False)]
     with pytest.raises(WorkError, match=r"wall or ceiling, or the floor of an upside-down camera \(tilt -60"):
         found(turned)
@@ -223,7 +222,7 @@ def test_floor_refuses_clouds_that_show_none(cloud, error, found):
 
 @settings(max_examples=15, deadline=None)
 @given(arrays(np.float32, (1200, 3), elements=st.floats(-100, 100, width=32)))
-def test_floor_of_anything_is_a_floor_or_a_refusal(cloud: F32) -> None:
+def test_floor_of_anything_is_a_floor_or_a_refusal(cloud):
     try:
         floor = found([cloud])
     except WorkError:
@@ -231,7 +230,7 @@ def test_floor_of_anything_is_a_floor_or_a_refusal(cloud: F32) -> None:
     assert 0.8 <= floor.height_m <= 12.0
 
 
-def test_floor_from_three_points_is_their_plane() -> None:
+def test_floor_from_three_points_is_their_plane():
     pose = pose_of(40, 2.5, -3.0)
     points = pose.inverse() @ np.array([[0.0, 1.0, 0.0], [1.0, 3.0, 0.0], [-1.0, 4.0, 0.0]])
     floor = floor_from_points(points)
@@ -247,12 +246,12 @@ def test_floor_from_three_points_is_their_plane() -> None:
         ([[3, 1, 2], [3, 0, 5], [3, -1, 4]], "wall"),
     ],
 )
-def test_floor_from_points_refuses_what_is_no_floor(points: list[list[float]], message: str) -> None:
+def test_floor_from_points_refuses_what_is_no_floor(points, message):
     with pytest.raises(InputError, match=message):
         floor_from_points(points)
 
 
-def test_floor_from_people_refines_a_rough_guess_by_feet_and_heads() -> None:
+def test_floor_from_people_refines_a_rough_guess_by_feet_and_heads():
     rng, truth = np.random.default_rng(0), pose_of(50, 3.0, 1.0)
     xy, heights = rng.uniform((-2, 1), (2, 6), (60, 2)), np.repeat([1.62, 1.75, 1.9], 20)
     feet, heads = (
@@ -264,14 +263,14 @@ def test_floor_from_people_refines_a_rough_guess_by_feet_and_heads() -> None:
     assert math.degrees(floor.tilt_rad) == pytest.approx(math.degrees(Floor(truth).tilt_rad), abs=0.5)
 
 
-def test_floor_from_people_refuses_one_line_of_people() -> None:
+def test_floor_from_people_refuses_one_line_of_people():
     line = np.column_stack([np.linspace(-2, 2, 30), np.full(30, 3.0), np.zeros(30)])
     seen = PeopleSeen(np.ones(30, np.int64), np.full((30, 3), np.nan), pose_of(50, 3.0).inverse() @ line)
     with pytest.raises(WorkError, match="tilt or roll"):
         floor_from_people(seen, Floor(pose_of(50, 3.0)))
 
 
-def test_world_file_keeps_every_digit(tmp_path: Path) -> None:
+def test_world_file_keeps_every_digit(tmp_path):
     floor = Floor(pose_of(33, 2.345, 1.5), 0.4, 0.02, np.diag([1e-4, 2e-5, 3e-5]), (-1.0, 0.5, 2.0, 4.0))
     save_world(floor, tmp_path / "world.toml")
     read = load_world(tmp_path / "world.toml")
@@ -295,14 +294,14 @@ POSE = "[world_SE3_left]\nrotation = [[1,0,0],[0,1,0],[0,0,{}]]\ntranslation_m =
         (POSE.format(2, "[0, 0, 2]"), "rotation matrix"),
     ],
 )
-def test_world_file_refuses_what_is_no_camera_above_a_floor(tmp_path: Path, text: str, message: str) -> None:
+def test_world_file_refuses_what_is_no_camera_above_a_floor(tmp_path, text, message):
     (tmp_path / "world.toml").write_text(text)
     with pytest.raises(InputError, match=message):
         load_world(tmp_path / "world.toml")
 
 
 @pytest.mark.parametrize("people", [False, True])
-def test_floor_of_a_level_camera_is_found_though_it_is_a_strip_and_the_ceiling_is_larger(people: bool) -> None:
+def test_floor_of_a_level_camera_is_found_though_it_is_a_strip_and_the_ceiling_is_larger(people):
     room = Room(pose_of(90.0, 1.0))
     room.add(FLOOR, 0.0)
     room.add(FLOOR, 2.6)
@@ -316,7 +315,7 @@ def test_floor_of_a_level_camera_is_found_though_it_is_a_strip_and_the_ceiling_i
 
 
 @pytest.mark.parametrize("tilt_deg", [96.0, 99.0])
-def test_floor_of_a_camera_that_looks_up_is_found_below_a_larger_ceiling(tilt_deg: float) -> None:
+def test_floor_of_a_camera_that_looks_up_is_found_below_a_larger_ceiling(tilt_deg):
     shown = room(pose_of(tilt_deg, 1.0), (FLOOR, 0.0), (FLOOR, 2.6), (WALL, 7.0))
     z = (shown.world[:, 2] * shown.depth)[np.isfinite(shown.depth)]
     assert 0.08 < float(np.mean(z < -0.99)) < 0.17 < 0.28 < float(np.mean(z > 1.59))

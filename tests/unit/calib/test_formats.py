@@ -212,7 +212,7 @@ def test_zed_resolution_follows_the_images(tmp_path):
     assert "the largest of 1280x720, 672x376" in load_rig(tmp_path).source
 
 
-def test_zed_lens_with_k1_to_k4_alone_is_a_fisheye(tmp_path: Path) -> None:
+def test_zed_lens_with_k1_to_k4_alone_is_a_fisheye(tmp_path):
     camera = "fx=700\nfy=700\ncx=640\ncy=360\nk1=-0.04\nk2=0.03\nk3=-0.02\nk4=0.01\n"
     rig = load_rig(zed(tmp_path / "SN1.conf", HD=camera))
     assert rig.left.model == "fisheye" and rig.left.distortion == (-0.04, 0.03, -0.02, 0.01)
@@ -340,7 +340,7 @@ def test_files_that_opencv_writes_are_read_and_a_column_of_four_coefficients_is_
         load_rig(column, (1280, 720))
 
 
-def test_camera_info_of_a_binned_region_of_interest() -> None:
+def test_camera_info_of_a_binned_region_of_interest():
     fields = {
         "width": 1280, "height": 960, "distortion_model": "plumb_bob", "D": [0.0] * 5, "R": np.eye(3).ravel().tolist(),
         "K": [400, 0, 640, 0, 400, 480, 0, 0, 1], "P": [400, 0, 640, -40, 0, 400, 480, 0, 0, 0, 1, 0],
@@ -351,11 +351,11 @@ def test_camera_info_of_a_binned_region_of_interest() -> None:
     assert pose.translation.tolist() == pytest.approx([0.1, 0.0, 0.0])
 
 
-def test_first_of_several_yaml_documents_is_read() -> None:
+def test_first_of_several_yaml_documents_is_read():
     assert parse_yaml("a: 1\n---\na: 2\n---\n") == {"a": 1}
 
 
 @pytest.mark.parametrize(("y_m", "where"), [(-0.12, "below"), (0.12, "above")])
-def test_cameras_one_above_the_other_are_refused_by_name(y_m: float, where: str) -> None:
+def test_cameras_one_above_the_other_are_refused_by_name(y_m, where):
     with pytest.raises(InputError, match=f"the right camera 0.120 m {where} the left one"):
         StereoRig(CAMERA, CAMERA, SE3(np.eye(3), np.array([0.0, y_m, 0.0])), "test").check("rig")

@@ -2,7 +2,6 @@
 
 import os
 import sys
-from collections.abc import Callable
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
@@ -50,14 +49,14 @@ MERGES = "\n".join(["b0: &b0 {x: 1}", *(f"b{i}: &b{i}\n  <<: [{', '.join([f'*b{i
     ],
     ids=["dotted key", "deep list", "deep table", "5000 digits", "too long", "merge bomb", "deep YAML", "long YAML"],
 )
-def test_text_beyond_reason_is_refused(parse: Callable[[str], object], text: str, found: str | None) -> None:
+def test_text_beyond_reason_is_refused(parse, text, found):
     with pytest.raises(ValueError, match=found):
         parse(text)
 
 
 @pytest.mark.parametrize("read", [load_rig, load_rules, load_config, load_file], ids=lambda f: f.__name__)
 @pytest.mark.parametrize("name", ["pipe", "/dev/zero"])
-def test_pipes_and_devices_are_refused_instead_of_waited_for(tmp_path: Path, read: object, name: str) -> None:
+def test_pipes_and_devices_are_refused_instead_of_waited_for(tmp_path, read, name):
     path = tmp_path / name
     if name == "pipe":
         os.mkfifo(path)
@@ -74,12 +73,12 @@ def test_large_files_folders_and_absence_are_named(tmp_path):
 
 
 @pytest.mark.parametrize("setting", ["joint.patch_m=1e9", "joint.template_time_s=1e-30", "maps.distance_max_m=1e300"])
-def test_settings_beyond_what_their_unit_can_mean_are_refused_by_name(setting: str) -> None:
+def test_settings_beyond_what_their_unit_can_mean_are_refused_by_name(setting):
     with pytest.raises(InputError, match=setting.split("=")[0]):
         load_config(None, [setting])
 
 
-def test_polygon_of_too_many_corners_is_refused(tmp_path: Path) -> None:
+def test_polygon_of_too_many_corners_is_refused(tmp_path):
     corners = ", ".join(f"[{i}, {i * i % 7}]" for i in range(501))
     (tmp_path / "rules.toml").write_text(f'[[zone]]\nname = "z"\npolygon_m = [{corners}]\n')
     with pytest.raises(InputError, match="at most 500"):
@@ -95,11 +94,11 @@ def test_polygon_of_too_many_corners_is_refused(tmp_path: Path) -> None:
         (OSError(), "OSError"),
     ],
 )
-def test_reason_of_an_error_is_words_on_one_line(error: Exception, text: str) -> None:
+def test_reason_of_an_error_is_words_on_one_line(error, text):
     assert reason(error) == text
 
 
-def test_a_file_is_replaced_in_one_step_its_folder_made_and_left_as_it_was_by_an_error(tmp_path: Path) -> None:
+def test_a_file_is_replaced_in_one_step_its_folder_made_and_left_as_it_was_by_an_error(tmp_path):
     folder = tmp_path / "made" / "deep"
     write_whole(folder / "a", "old")
     write_whole(folder / "a", b"new")
@@ -123,7 +122,7 @@ NO_LENGTHS = ["", "24.23", "-3mm", "0mm", "nanmm", "infm", "24,23mm", "3 parsec"
 NO_SIZES = ["1280", "0x5", "ax3", "-1x4", "1.5x2"]
 
 
-def test_length_with_unit_is_metres_and_size_is_width_by_height() -> None:
+def test_length_with_unit_is_metres_and_size_is_width_by_height():
     assert {text: parse_length(text) for text in LENGTHS} == pytest.approx(LENGTHS)
     assert parse_size("1280x720") == (1280, 720)
 
@@ -133,7 +132,7 @@ def test_length_with_unit_is_metres_and_size_is_width_by_height() -> None:
     [(parse_length, text, "--square: expected") for text in NO_LENGTHS]
     + [(parse_size, text, "--square: .*WIDTHxHEIGHT") for text in NO_SIZES],
 )
-def test_length_and_size_without_sense_are_refused(parse: Callable[..., object], text: str, found: str) -> None:
+def test_length_and_size_without_sense_are_refused(parse, text, found):
     with pytest.raises(InputError, match=found):
         parse(text, "--square")
 
@@ -191,7 +190,7 @@ BLUE = np.full((2, 3, 3), (255, 0, 0), np.uint8)
 GREY = np.arange(6, dtype=np.uint8).reshape(2, 3)
 
 
-def test_image_in_grey_and_in_colour_is_written_as_png_exactly(tmp_path) -> None:
+def test_image_in_grey_and_in_colour_is_written_as_png_exactly(tmp_path):
     np.testing.assert_array_equal(as_grey(BLUE), np.full((2, 3), 29))
     assert as_grey(GREY) is GREY
     for name, image in (("blue.png", BLUE), ("grey.png", GREY)):
@@ -200,7 +199,7 @@ def test_image_in_grey_and_in_colour_is_written_as_png_exactly(tmp_path) -> None
 
 
 @pytest.mark.parametrize("name", ["floor.toml", "floor"])
-def test_picture_of_no_known_format_is_refused_by_name(tmp_path: Path, name: str) -> None:
+def test_picture_of_no_known_format_is_refused_by_name(tmp_path, name):
     with pytest.raises(InputError, match=rf"e\.g\. floor\.png, found '{name}'"):
         write_image(tmp_path / name, BLUE)
     assert not (tmp_path / name).exists()
@@ -213,11 +212,11 @@ def photograph(*millimetres: int) -> bytes:
     return content.getvalue()
 
 
-def test_focal_length_of_film_is_relative_to_its_diagonal() -> None:
+def test_focal_length_of_film_is_relative_to_its_diagonal():
     assert focal_share(photograph(26)) == pytest.approx(26 / 43.267, rel=1e-4)
 
 
 @pytest.mark.parametrize("content", [photograph(), b"no photograph", b""])
-def test_photograph_without_a_focal_length_is_refused(content: bytes) -> None:
+def test_photograph_without_a_focal_length_is_refused(content):
     with pytest.raises(InputError, match="expected"):
         focal_share(content)

@@ -62,7 +62,7 @@ def test_hull_is_the_convex_hull_of_the_circles_alone_and_of_many_and_nan_behind
 @given(
     st.floats(-1.4, 1.4), st.floats(2.2, 8.0), st.floats(-20, 20), st.floats(-20, 40), st.sampled_from([0.9, 1.76, 2.1])
 )
-def test_box_encloses_hull_head_and_foot(tilt: float, height: float, x: float, y: float, person: float) -> None:
+def test_box_encloses_hull_head_and_foot(tilt, height, x, y, person):
     camera = GroundCamera(320, 240, 300.0, height, tilt)
     model = HumanModel().scaled(person)
     hull = model.hulls(camera, (x, y))
@@ -74,7 +74,7 @@ def test_box_encloses_hull_head_and_foot(tilt: float, height: float, x: float, y
         assert (points <= [left + width + slack, top + high + slack]).all()
 
 
-def test_visible_fraction_of_squares() -> None:
+def test_visible_fraction_of_squares():
     square = np.array([[0, 0], [4, 0], [4, 4], [0, 4]])
     shifts = np.array([[2, 2], [-2.5, 2], [-2.5, -2.5], [-9, 2], [9.5, 5.5]])
     found = visible_fraction(square + shifts[:, None], 12, 8)
@@ -93,7 +93,7 @@ def test_map_has_the_visible_floor_and_feet_outside_the_image(coarse_map):
     assert coarse_map.entry_at((80.0, horizon - 9.0)) == -1 and coarse_map.visibility.max() == 1.0
 
 
-def test_map_entries_are_the_model_at_the_pixel(coarse_map) -> None:
+def test_map_entries_are_the_model_at_the_pixel(coarse_map):
     entry = int(coarse_map.entry_at((83.0, 66.0)))
     foot = coarse_map.foot_px[entry]
     assert np.abs(foot - (83, 66)).max() <= 4
@@ -102,7 +102,7 @@ def test_map_entries_are_the_model_at_the_pixel(coarse_map) -> None:
     np.testing.assert_allclose(coarse_map.hull_px[entry], HumanModel().hulls(OBLIQUE, floor), rtol=1e-4)
 
 
-def test_map_refuses_a_grid_beyond_its_limit() -> None:
+def test_map_refuses_a_grid_beyond_its_limit():
     with pytest.raises(ValueError, match="enlarge step_px"):
         build_model_map(GroundCamera(4000, 3000, 3000.0, 4.0, 1.0), params=HumanModelMapParams(step_px=1))
 
@@ -238,7 +238,7 @@ def seen_in_the_street(count: int, seed: int, noise_px: float = 2.0, **known) ->
     return calibrate_from_people(people, STREET.size, "pinhole", known=KnownValues(**known))
 
 
-def test_known_focal_length_makes_a_poor_set_enough() -> None:
+def test_known_focal_length_makes_a_poor_set_enough():
     alone, printed = seen_in_the_street(8, seed=0), seen_in_the_street(8, seed=0, focal_px=740.0)
     assert not alone.assessment.enough and alone.assessment.sentence.startswith("not enough: ")
     assert "focal length or field of view" in alone.assessment.sentence and printed.assessment.enough
@@ -246,7 +246,7 @@ def test_known_focal_length_makes_a_poor_set_enough() -> None:
     assert printed.assessment.floor_error_m < alone.assessment.floor_error_m
 
 
-def test_few_people_are_not_enough_although_the_floor_between_them_is_known() -> None:
+def test_few_people_are_not_enough_although_the_floor_between_them_is_known():
     camera = CAMERAS["oblique"]
     verdict = calibrate_from_people(standing_people(camera, 3, 2, 4.0), camera.size, camera.lens).assessment
     assert not verdict.enough and verdict.floor_error_m < 0.5
@@ -262,7 +262,7 @@ def test_field_of_view_is_a_focal_length_and_both_are_refused():
         KnownValues(focal_px=700.0, field_deg=60.0)
 
 
-def test_known_camera_height_outweighs_the_height_of_the_people() -> None:
+def test_known_camera_height_outweighs_the_height_of_the_people():
     # People of 1.76 m under a camera at 7 m give the images of people of 1.69 m under a camera at 6.7 m.
     found = seen_in_the_street(12, seed=1, noise_px=0.0, focal_px=740.0, height_m=6.7)
     assert 6.65 < found.camera.height_m < 6.85
@@ -273,7 +273,7 @@ def test_known_camera_height_outweighs_the_height_of_the_people() -> None:
     [(slice(0, 480), 0, 480), (slice(0, 200), 0, 201), (slice(200, 480), 199, 480), (slice(0, 0), 0, 0)],
     ids=["everywhere", "left", "right", "nowhere"],
 )
-def test_next_sample_lowers_the_error_and_lies_where_something_moved(columns, low, high) -> None:
+def test_next_sample_lowers_the_error_and_lies_where_something_moved(columns, low, high):
     walked = np.zeros((360, 480), np.bool_)
     walked[:, columns] = True
     people = standing_people(STREET, 6, seed=2, noise_px=2.0)
@@ -286,7 +286,7 @@ def test_next_sample_lowers_the_error_and_lies_where_something_moved(columns, lo
         assert assessment.next_sample is None and "pixel" not in assessment.sentence
 
 
-def test_middles_of_noisy_boxes_are_read_as_such() -> None:
+def test_middles_of_noisy_boxes_are_read_as_such():
     """Taken at their word, heads above feet everywhere would be a focal length without end."""
     rng, samples = np.random.default_rng(0), []
     for s in standing_people(STREET, 24, seed=5):
@@ -298,7 +298,7 @@ def test_middles_of_noisy_boxes_are_read_as_such() -> None:
     assert found.camera.focal_px < 1.4 * 740.0
 
 
-def test_odd_sample_is_named_and_changes_little() -> None:
+def test_odd_sample_is_named_and_changes_little():
     people = standing_people(STREET, 12, seed=1, noise_px=1.0)
     left, top, width, height = people[4].box_px
     people[4] = HumanSample((left, top, width, height / 2), people[4].head_px, (left + width / 2, top + height / 2))
@@ -318,14 +318,14 @@ def outlines(count: int, cut_px: float, cut: int) -> list[HumanSample]:
     return seen
 
 
-def test_walker_whose_outlines_differ_from_the_others_makes_the_camera_less_certain() -> None:
+def test_walker_whose_outlines_differ_from_the_others_makes_the_camera_less_certain():
     alike, odd = (
         calibrate_from_people(outlines(24, cut_px, 4), SLOPE.size, "pinhole", independent=24) for cut_px in (0.0, 15.0)
     )
     assert odd.std.height > 1.5 * alike.std.height
 
 
-def test_outlines_that_end_too_high_are_within_the_deviation() -> None:
+def test_outlines_that_end_too_high_are_within_the_deviation():
     """Of four people, seen often, the lowest 2 px are missing everywhere, as where a shadow is removed."""
     by_hand, found = (
         calibrate_from_people(outlines(16, 2.0, 16), SLOPE.size, "pinhole", independent=n) for n in (None, 4)

@@ -23,7 +23,7 @@ def in_bursts(of: int, count: int = 40) -> np.ndarray:
 
 
 @pytest.mark.parametrize("of", [2, 5])
-def test_frames_that_arrive_in_bursts_are_spread_from_burst_to_burst(of: int) -> None:
+def test_frames_that_arrive_in_bursts_are_spread_from_burst_to_burst(of):
     rate = rate_of_times(in_bursts(of))
     assert rate is not None and rate.burst == of and rate.fps == pytest.approx(10.0, rel=0.15)
     spread, notes = spread_bursts(in_bursts(of), rate)
@@ -41,23 +41,23 @@ def test_frames_that_arrive_in_bursts_are_spread_from_burst_to_burst(of: int) ->
     ],
     ids=["even", "gaps", "timelapse", "uneven"],
 )
-def test_what_is_no_burst_is_left_and_said(times: np.ndarray, note: str) -> None:
+def test_what_is_no_burst_is_left_and_said(times, note):
     rate = rate_of_times(times)
     assert rate is not None and rate.burst == 1 and rate.note.startswith(note) and bool(rate.note) == bool(note)
     assert spread_bursts(times, rate)[0] is times
 
 
-def test_times_that_begin_again_run_on() -> None:
+def test_times_that_begin_again_run_on():
     times, notes = run_on(np.array([0.0, 0.1, 0.2, 0.3, 0.0, 0.2]), np.array([0, 1, 2, 3, 4, 6]))
     assert times == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4, 0.6]) and "begin again at frame 4" in notes[0]
 
 
-def test_a_frame_that_is_a_little_late_begins_nothing() -> None:
+def test_a_frame_that_is_a_little_late_begins_nothing():
     times = np.array([0.0, 0.1, 0.3, 0.2])
     assert run_on(times)[0] is times
 
 
-def test_running_clock_goes_on_after_a_time_far_ahead_and_leaves_out_what_does_not_advance() -> None:
+def test_running_clock_goes_on_after_a_time_far_ahead_and_leaves_out_what_does_not_advance():
     clock = RunningClock(10.0)
     own = [0.0, 0.1, 1e6, 0.3, 0.4, 0.4]
     found = [clock.time(index, time) for index, time in enumerate(own)]
@@ -75,7 +75,7 @@ def test_running_clock_goes_on_after_a_time_far_ahead_and_leaves_out_what_does_n
     ],
     ids=["even", "ms", "jump", "bursts"],
 )
-def test_odd_times_of_a_table_are_named(times: np.ndarray, said: str) -> None:
+def test_odd_times_of_a_table_are_named(times, said):
     found = doubts(np.arange(len(times)), times)
     assert len(found) == bool(said) and all(sentence.startswith(said) for sentence in found)
 
@@ -101,32 +101,32 @@ def test_odd_times_of_a_table_are_named(times: np.ndarray, said: str) -> None:
         (["7", "33250007"], "ns", 33_250_000),
     ],
 )
-def test_times_are_read_in_every_way_that_recorders_write_them(texts: list[str], unit: str, step_ns: int) -> None:
+def test_times_are_read_in_every_way_that_recorders_write_them(texts, unit, step_ns):
     stamps = read_stamps("times.txt", texts)
     assert (stamps.unit, stamps.ns[1] - stamps.ns[0]) == (unit, step_ns)
 
 
-def test_no_digit_of_a_time_is_lost() -> None:
+def test_no_digit_of_a_time_is_lost():
     assert read_stamps("", ["1403715273.262142976"]).ns[0] == 1403715273262142976
 
 
 @pytest.mark.parametrize("text", ["29.10.2023 01:00", "2023-13-01 01:00:00", "3.5", "later"])
-def test_text_that_is_no_date_among_dates_is_named(text: str) -> None:
+def test_text_that_is_no_date_among_dates_is_named(text):
     with pytest.raises(InputError, match=rf"times.txt: expected a time.*found '{text}'"):
         read_stamps("times.txt", ["2023-10-29 01:00:00", text])
 
 
 @pytest.mark.parametrize("unit", ["1e9", "1e6", "1e3", "1"])
-def test_seconds_of_a_table_are_those_since_1970_in_any_unit(unit: str) -> None:
+def test_seconds_of_a_table_are_those_since_1970_in_any_unit(unit):
     counts = (1.7e9 + np.array([0.0, 0.5])) * float(unit)
     assert seconds_of("", counts) == pytest.approx([1.7e9, 1.7e9 + 0.5])
 
 
-def test_small_numbers_of_a_table_stay_seconds() -> None:
+def test_small_numbers_of_a_table_stay_seconds():
     assert seconds_of("", np.array([0.0, 33.0])).tolist() == [0.0, 33.0]
 
 
-def test_dates_of_a_table_become_seconds_and_empty_cells_are_unknown() -> None:
+def test_dates_of_a_table_become_seconds_and_empty_cells_are_unknown():
     dates = np.array(["2023-10-29T02:59:59.5+02:00", "", "NaT"], dtype=object)
     seconds = seconds_of("", dates)
     assert seconds[0] == 1698541199.5 and np.isnan(seconds[1:]).all()
@@ -140,7 +140,7 @@ def counted(first: int, counts: list[int]) -> tuple[list[int], list[str]]:
 
 
 @pytest.mark.parametrize("first", [0, 6])
-def test_frames_that_are_counted_in_each_second_come_evenly(first: int) -> None:
+def test_frames_that_are_counted_in_each_second_come_evenly(first):
     seconds, parts = counted(first, [8 if first else 4, 10, 10, 5])
     decimals = within_seconds(seconds, parts)
     assert decimals is not None
@@ -148,13 +148,13 @@ def test_frames_that_are_counted_in_each_second_come_evenly(first: int) -> None:
     assert np.diff(times[:24]) == pytest.approx(0.1, abs=0.21 if first else 1e-6)
 
 
-def test_lost_frame_of_those_counted_in_each_second_leaves_a_gap() -> None:
+def test_lost_frame_of_those_counted_in_each_second_leaves_a_gap():
     seconds, parts = counted(0, [10, 10, 10, 10])
     decimals = within_seconds([*seconds[:14], *seconds[15:]], [*parts[:14], *parts[15:]])
     assert decimals is not None and [decimals[13][:3], decimals[14][:3]] == ["300", "500"]
 
 
-def test_frames_counted_in_two_seconds_that_may_both_be_cut_have_no_times() -> None:
+def test_frames_counted_in_two_seconds_that_may_both_be_cut_have_no_times():
     assert within_seconds(*counted(0, [7, 4])) is None
 
 
@@ -167,5 +167,5 @@ def test_frames_counted_in_two_seconds_that_may_both_be_cut_have_no_times() -> N
         (["5", "75"], ["5", "75"]),
     ],
 )
-def test_number_within_a_second_is_decimals_or_a_count_of_its_parts(parts: list[str], decimals: list[str]) -> None:
+def test_number_within_a_second_is_decimals_or_a_count_of_its_parts(parts, decimals):
     assert within_seconds([1_700_000_000] * len(parts), parts) == decimals

@@ -120,7 +120,7 @@ def test_the_readme_can_be_read_in_four_minutes():
 
 
 @pytest.mark.parametrize("name", ["calib", "stereo"])
-def test_file_of_the_users_that_hides_a_package_is_named(tmp_path: Path, name: str) -> None:
+def test_file_of_the_users_that_hides_a_package_is_named(tmp_path, name):
     (tmp_path / f"{name}.py").write_text("")
     (tmp_path / "script.py").write_text("import planview\n")
     outside = os.environ | {"PYTHONPATH": str(ROOT)}
@@ -135,7 +135,7 @@ def test_every_public_name_is_what_it_says(name):
     assert value.__name__.rpartition(".")[2] == name
 
 
-def test_a_name_that_is_not_public_is_an_attribute_error() -> None:
+def test_a_name_that_is_not_public_is_an_attribute_error():
     with pytest.raises(AttributeError, match="telepathy"):
         _ = planview.telepathy
 

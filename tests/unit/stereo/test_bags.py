@@ -119,27 +119,27 @@ COLOUR_AND_DEPTH = ("/camera/color/image_raw", "/camera/depth/image_rect_raw")
 INFRARED = ("/camera/infra1/image_rect_raw", "/camera/infra2/image_rect_raw")  # of a RealSense
 
 
-def test_infrared_pair_is_in_the_order_of_its_numbers() -> None:
+def test_infrared_pair_is_in_the_order_of_its_numbers():
     assert choose_topics(Listed(*reversed(INFRARED)), ()) == ("stereo", *INFRARED)  # type: ignore[arg-type]
 
 
-def test_colour_and_depth_are_an_image_with_depth() -> None:
+def test_colour_and_depth_are_an_image_with_depth():
     bag = Listed(*COLOUR_AND_DEPTH, f"{COLOUR_AND_DEPTH[0]}/compressed")
     assert choose_topics(bag, ()) == ("rgbd", *COLOUR_AND_DEPTH)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("topics", [(*INFRARED, *COLOUR_AND_DEPTH), ("/front/image_raw", "/back/image_raw")])
-def test_topics_that_are_no_clear_pair_are_asked_for_with_their_list(topics: tuple[str, ...]) -> None:
+def test_topics_that_are_no_clear_pair_are_asked_for_with_their_list(topics):
     with pytest.raises(InputError, match=rf"found {', '.join(topics)}; use topics="):
         choose_topics(Listed(*topics), ())  # type: ignore[arg-type]
 
 
-def test_one_image_topic_is_one_camera() -> None:
+def test_one_image_topic_is_one_camera():
     with pytest.raises(InputError, match="found only /cam/image_raw: one camera"):
         choose_topics(Listed("/cam/image_raw"), ())  # type: ignore[arg-type]
 
 
-def test_messages_that_are_compressed_one_by_one_are_refused_with_the_way_out(tmp_path: Path) -> None:
+def test_messages_that_are_compressed_one_by_one_are_refused_with_the_way_out(tmp_path):
     writer = Writer(tmp_path / "unused", False)
     writer.close()
     bag = rosbag2.Writer(tmp_path / "a", version=9, storage_plugin=rosbag2.StoragePlugin.SQLITE3)
@@ -152,7 +152,7 @@ def test_messages_that_are_compressed_one_by_one_are_refused_with_the_way_out(tm
         find_layout(tmp_path / "a")
 
 
-def test_files_that_are_compressed_are_refused_with_the_way_out(tmp_path: Path) -> None:
+def test_files_that_are_compressed_are_refused_with_the_way_out(tmp_path):
     path = stereo_bag(tmp_path / "a", False)
     file = next(path.glob("*.db3"))
     file.rename(path / f"{file.name}.zstd")

@@ -30,7 +30,7 @@ def test_deviation_of_depth_grows_with_its_square():
     assert GEOMETRY.depth_std_m(2.0) == pytest.approx(0.025)
 
 
-def test_back_projection_puts_the_principal_point_on_the_axis() -> None:
+def test_back_projection_puts_the_principal_point_on_the_axis():
     depth = np.full((3, 4), 2.0, np.float32)
     depth[0, 0] = np.nan
     points = back_project(depth, GEOMETRY)
@@ -40,7 +40,7 @@ def test_back_projection_puts_the_principal_point_on_the_axis() -> None:
 
 
 @pytest.mark.parametrize(("step", "first"), [(1, 0.0), (2, 0.5), (3, 1.0), (4, 1.5)])
-def test_a_sample_has_the_disparity_and_the_point_of_its_middle(step: int, first: float) -> None:
+def test_a_sample_has_the_disparity_and_the_point_of_its_middle(step, first):
     u, v = np.meshgrid(np.arange(24.0), np.arange(12.0))
     samples = Depth.of_whole(np.zeros((12, 24), np.uint8), (20 + 0.1 * u + 0.05 * v).astype(np.float32), step)
     u, v = np.meshgrid(np.arange(first, 24, step), np.arange(first, 12, step))
@@ -64,14 +64,14 @@ N = np.nan
         ([[N, N], [N, N]], N),
     ],
 )
-def test_a_sample_on_an_edge_shows_one_surface(pixels: list[list[float]], shown: float) -> None:
+def test_a_sample_on_an_edge_shows_one_surface(pixels, shown):
     disparity = np.array(pixels, np.float32)
     assert Depth.of_whole(np.zeros((2, 2), np.uint8), disparity, 2).disparity.tolist() == [
         [pytest.approx(shown, rel=1e-6, nan_ok=True)]
     ]
 
 
-def test_samples_of_an_image_are_means_of_their_own_pixels_up_to_the_border() -> None:
+def test_samples_of_an_image_are_means_of_their_own_pixels_up_to_the_border():
     columns = np.tile(np.arange(0, 70, 10, dtype=np.uint8), (3, 1))
     samples = Depth.of_whole(columns, columns.astype(np.float32), 2)
     assert samples.image.tolist() == [[5, 25, 45, 60]] * 2
@@ -83,7 +83,7 @@ def test_rays_through_pixels_are_at_unit_depth():
     np.testing.assert_allclose(GEOMETRY.rays([[41.5, 21.0]]), [[0.1, 0.05, 1.0]])
 
 
-def test_median_image_leaves_out_who_walks_through_and_what_is_never_valid() -> None:
+def test_median_image_leaves_out_who_walks_through_and_what_is_never_valid():
     frames = [np.array([[depth, np.nan]], np.float32) for depth in (4.0, 1.0, 4.0)]
     np.testing.assert_array_equal(median_image(frames), [[4.0, np.nan]])
 
@@ -124,7 +124,7 @@ TRUE, GUESS = plane(60.0, 1.0, 2.5), plane(60.7, 0.7, 2.54)
 
 
 @pytest.mark.parametrize("stands", [False, True], ids=["empty", "something stands on it"])
-def test_a_plane_is_aligned_to_a_tenth_of_a_degree_and_knows_it(stands: bool) -> None:
+def test_a_plane_is_aligned_to_a_tenth_of_a_degree_and_knows_it(stands):
     left, right, depth = seen(TRUE, 200.0)
     if stands:
         left[100:160, 140:200], depth[100:160, 140:200] = left[40:100, 140:200], 1.5

@@ -55,7 +55,7 @@ def named(recording: Recording[Any]) -> str:
     return finding.names if finding else ""
 
 
-def test_names_are_unique_and_every_hypothesis_says_what_to_do() -> None:
+def test_names_are_unique_and_every_hypothesis_says_what_to_do():
     assert len({hypothesis.name for hypothesis in HYPOTHESES}) == len(HYPOTHESES)
     assert all(hypothesis.remedy for hypothesis in HYPOTHESES)
 
@@ -96,11 +96,11 @@ def noise(left: U8, right: U8) -> tuple[U8, U8]:
     ],
     ids=["right", "exchanged", "right upside down", "left upside down", "both", "mirrored", "rectified", "noise"],
 )
-def test_fault_of_images_is_named(fault: Callable[[U8, U8], tuple[U8, U8]], name: str) -> None:
+def test_fault_of_images_is_named(fault, name):
     assert named(recorded(fault)) == name
 
 
-def test_images_cut_at_another_height_are_named() -> None:
+def test_images_cut_at_another_height_are_named():
     def cut(left: U8, right: U8) -> tuple[U8, U8]:
         left, right = rectified(left, right)
         return left, np.roll(right, 4, axis=0)
@@ -132,7 +132,7 @@ def claimed(turned: bool = False, baseline: float = 1.0, scale: float = 1.0) -> 
     ],
     ids=["pose", "baseline", "size", "raw"],
 )
-def test_fault_of_the_calibration_is_named(rig: StereoRig, name: str) -> None:
+def test_fault_of_the_calibration_is_named(rig, name):
     assert named(recorded(lambda a, b: (a, b), rig)) == name
 
 
@@ -140,14 +140,14 @@ CEILING = FloorView(Floor(SE3(np.eye(3), np.array([0.0, 0.0, 2.5])), inlier_frac
 
 
 @pytest.mark.parametrize(("plausible", "is_turned"), [(-2.8, False), (NO_FLOOR, True)], ids=["a floor", "none"])
-def test_a_ceiling_as_large_as_the_floor_does_not_turn_the_camera(plausible: float, is_turned: bool) -> None:
+def test_a_ceiling_as_large_as_the_floor_does_not_turn_the_camera(plausible, is_turned):
     as_recorded = FloorView(CEILING.floor, plausible)
     upside_down = replace(MOUNTS[0], undo=lambda view: CEILING)
     finding = best(as_recorded, [upside_down], lambda view: floor_score(view, as_recorded))
     assert (finding is not None) == is_turned
 
 
-def test_images_woven_of_two_fields_are_named_where_something_moves() -> None:
+def test_images_woven_of_two_fields_are_named_where_something_moves():
     images = [np.full((80, 100), 40, np.uint8) for _ in range(6)]
     for i, image in enumerate(images):
         image[20:60, 5 + 15 * i : 15 + 15 * i] = 200
@@ -191,23 +191,23 @@ def measured(change: Change, camera: Camera = CAMERA, dtype: type = np.uint16) -
     ],
     ids=["right", "units", "ray", "inverse", "upside down"],
 )
-def test_fault_of_depth_is_named_with_the_floor_that_it_hides(fault: Change, name: str) -> None:
+def test_fault_of_depth_is_named_with_the_floor_that_it_hides(fault, name):
     finding = diagnose(measured(fault))
     assert (finding.hypothesis.name if finding else "") == name
     if finding and "inverse" not in name:  # whose scale is not known
         assert f"the floor is {HEIGHT_M:.1f}" in finding.measured
 
 
-def test_unit_of_floating_point_depth_that_is_not_metres_is_named() -> None:
+def test_unit_of_floating_point_depth_that_is_not_metres_is_named():
     assert named(measured(lambda mm: mm, dtype=np.float32)) == "depth counts 1000 values per metre"
 
 
-def test_floating_point_depth_in_metres_is_right() -> None:
+def test_floating_point_depth_in_metres_is_right():
     assert diagnose(measured(lambda mm: mm / 1000, dtype=np.float32)) is None
 
 
 @pytest.mark.parametrize(("turns", "side"), [(1, "left"), (-1, "right")])
-def test_depth_camera_that_lies_on_its_side_is_named(turns: int, side: str) -> None:
+def test_depth_camera_that_lies_on_its_side_is_named(turns, side):
     c = CAMERA
     cx, cy = (c.cy, c.width - 1 - c.cx) if turns > 0 else (c.height - 1 - c.cy, c.cx)
     recording = measured(lambda mm: np.rot90(mm, turns), Camera(c.height, c.width, c.fy, c.fx, cx, cy))
@@ -237,11 +237,11 @@ def with_depth(lay: Callable[[F32], F32]) -> list[Frame[Shot]]:
     ],
     ids=["right", "mirrored", "turned", "offset"],
 )
-def test_depth_that_does_not_lie_on_its_image_is_named(lay: Callable[[F32], F32], name: str) -> None:
+def test_depth_that_does_not_lie_on_its_image_is_named(lay, name):
     finding = place_of_depth(with_depth(lay)).finding
     assert (finding.names if finding else "") == name
 
 
-def test_depth_lies_where_it_was_moved_to() -> None:
+def test_depth_lies_where_it_was_moved_to():
     across_px, down_px = place_of_depth(with_depth(lambda depth: np.roll(depth, 2, axis=1))).shift_px
     assert (across_px, down_px) == pytest.approx((-8.0, 0.0), abs=2.1)

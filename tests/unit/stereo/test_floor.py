@@ -54,14 +54,14 @@ ROOM: list[Box] = [(-9.0, -9.0, -1.0, 9.0, 9.0, 0.0), (-9.0, 6.0, 0.0, 9.0, 9.0,
 WALK = [(0.5 * step - 1.5, 3.0 + 0.2 * (step % 3)) for step in range(8)]
 
 
-def test_floor_is_found_where_the_only_person_carries_a_board() -> None:
+def test_floor_is_found_where_the_only_person_carries_a_board():
     pose, noise = camera(58, 2.6), np.random.default_rng(0)
     depths = [depth_of([*ROOM, man(*at), board(*at)], pose, noise) for at in WALK]
     floor = floor_in(depths, VIEW, FloorParams(), "")
     assert (floor.height_m, math.degrees(floor.tilt_rad)) == pytest.approx((2.6, 58), abs=0.3)
 
 
-def test_floor_of_a_level_camera_is_found_where_monitors_flicker() -> None:
+def test_floor_of_a_level_camera_is_found_where_monitors_flicker():
     pose, noise = camera(90, 1.07), np.random.default_rng(0)
     depths = []
     for step, at in enumerate(WALK):

@@ -201,7 +201,7 @@ EVEN = NOW + STEP * np.arange(10)
     "text",
     ["nan", "1e300", "9" * 30, "soon", "", "0001-01-01 00:00:00", "9999-12-31 00:00:00", "2262-04-12 00:00:00"],
 )
-def test_what_is_no_time_and_what_no_clock_shows_is_refused(text: str) -> None:
+def test_what_is_no_time_and_what_no_clock_shows_is_refused(text):
     with pytest.raises(InputError, match=f"expected.* found '?{text}"):
         read_stamps("", [text, "2022-04-15 05:20:00" if "-" in text else "1"])
 
@@ -231,7 +231,7 @@ def test_times_in_names_have_their_unit_and_counters_are_none(names, step_ns):
     assert step == (step_ns and pytest.approx(step_ns, abs=2e6))
 
 
-def test_frames_pair_with_the_nearest_within_a_quarter_period() -> None:
+def test_frames_pair_with_the_nearest_within_a_quarter_period():
     right = np.delete(EVEN, 6) + np.array([0, 0, 0, 26, 0, 0, 0, 0, 0]) * STEP // 100
     pairs = pair_stamps(EVEN, right)
     frames = list(zip(pairs.left.tolist(), pairs.right.tolist(), strict=True))
@@ -251,7 +251,7 @@ def test_frames_recorded_late_are_put_in_their_place_and_repeated_times_skipped(
 
 
 @pytest.mark.parametrize("jump_s", [30 * 86_400, -1_650_000_000])
-def test_clock_that_was_set_runs_on_at_the_nominal_rate(jump_s: int) -> None:
+def test_clock_that_was_set_runs_on_at_the_nominal_rate(jump_s):
     stamps = EVEN + np.where(np.arange(10) >= 5, jump_s * 10**9, 0)
     pairs = pair_stamps(stamps, stamps)
     np.testing.assert_allclose(pairs.times_s, np.arange(10) * 0.1)
@@ -265,7 +265,7 @@ def test_clocks_that_differ_by_a_constant_or_stand_still_pair_in_order():
     assert pairs.left.tolist() == pairs.right.tolist() == [0, 1, 2] and math.isnan(pairs.fps)
 
 
-def test_rate_has_jitter_gaps_and_dropped_frames() -> None:
+def test_rate_has_jitter_gaps_and_dropped_frames():
     rate = rate_of_times(np.array([0.0, 0.1, 0.2, 0.5, 0.6, 0.7]))
     assert rate.fps == pytest.approx(10.0) and rate.jitter_ms == pytest.approx(0.0, abs=1e-9)
     assert (rate.gaps, rate.dropped) == (1, 2) and rate.longest_gap_s == pytest.approx(0.3)

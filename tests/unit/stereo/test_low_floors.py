@@ -64,7 +64,7 @@ def measured(depth: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 @pytest.mark.parametrize("tilt_deg", [88.0, 91.0])
 @pytest.mark.parametrize("walks", [False, True], ids=["nobody moves", "somebody walks"])
-def test_floor_of_a_level_camera_is_found_among_larger_walls(tilt_deg: float, walks: bool) -> None:
+def test_floor_of_a_level_camera_is_found_among_larger_walls(tilt_deg, walks):
     rng = np.random.default_rng(0)
     true = floor_of(tilt_deg)
     depth, box = cast(ROOM, true)

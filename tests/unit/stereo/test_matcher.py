@@ -40,7 +40,7 @@ def shifted(disparity_px: float, noise: float = 1.0) -> tuple[U8, U8]:
 
 
 @pytest.mark.parametrize("disparity", [12.0, 12.3, 12.5, 12.7])
-def test_sub_pixel_disparity_is_not_drawn_to_whole_pixels(disparity: float) -> None:
+def test_sub_pixel_disparity_is_not_drawn_to_whole_pixels(disparity):
     found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 32))(*shifted(disparity))
     inner = found[20:-20, 60:-20]
     assert np.isfinite(inner).mean() > 0.95 and np.nanmean(inner) == pytest.approx(disparity, abs=0.08)
@@ -54,7 +54,7 @@ def test_left_band_is_matched_as_far_as_the_right_camera_sees_wherever_the_searc
 
 
 @pytest.mark.parametrize("level", [255, 90], ids=["saturated", "without texture"])
-def test_area_that_shows_nothing_has_no_disparity(level: int) -> None:
+def test_area_that_shows_nothing_has_no_disparity(level):
     left, right = shifted(12.0)
     left[60:180, 100:250] = level
     right[60:180, 88:238] = level
@@ -70,7 +70,7 @@ def test_unrelated_images_give_little_disparity_and_other_sizes_are_refused():
 
 
 @pytest.mark.parametrize(("side", "seen"), [("mask", 197), ("right_mask", 212)])
-def test_pixels_that_are_masked_or_whose_match_is_have_no_disparity(side: str, seen: int) -> None:
+def test_pixels_that_are_masked_or_whose_match_is_have_no_disparity(side, seen):
     mask = np.full(SIZE[::-1], 255, np.uint8)
     mask[:, 200:] = 0
     found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 32), **{side: mask})(*shifted(12.0))  # type: ignore[arg-type]
@@ -78,14 +78,14 @@ def test_pixels_that_are_masked_or_whose_match_is_have_no_disparity(side: str, s
 
 
 @pytest.mark.parametrize("step", [1, 2, 3, 4])
-def test_samples_have_the_disparity_of_their_pixels(step: int) -> None:
+def test_samples_have_the_disparity_of_their_pixels(step):
     found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(5, 32), step=step).match(*shifted(12.3)).disparity
     inside = found[64 // step : -64 // step, 124 // step : -104 // step] - 12.3
     assert abs(np.nanmedian(inside)) < 0.08 and (np.abs(inside) < 0.4).mean() > 0.9
 
 
 @pytest.mark.parametrize("step", [2, 3, 4])
-def test_samples_of_an_image_whose_size_is_no_multiple_are_one_more(step: int) -> None:
+def test_samples_of_an_image_whose_size_is_no_multiple_are_one_more(step):
     odd = RectifiedGeometry(317, 233, 230.0, 230.0, 159.5, 119.5, 0.12)
     left, right = (np.ascontiguousarray(image[:233, :317]) for image in shifted(12.0))
     matcher = SgbmMatcher(odd, disparities=DisparityRange(0, 32), step=step)
@@ -164,7 +164,7 @@ def test_range_reaches_what_can_be_seen(geometry, params, floor, first_px, count
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 40), st.integers(1, 3))
-def test_coarse_disparity_equals_its_numpy_twin(seed: int, lowest: int, step: int) -> None:
+def test_coarse_disparity_equals_its_numpy_twin(seed, lowest, step):
     rng = np.random.default_rng(seed)
     fixed = rng.integers(-16, 500, (9, 37)).astype(np.int16)
     usable, right_mask = (np.where(rng.uniform(size=(9, 37)) < 0.8, 255, 0).astype(np.uint8) for _ in range(2))
@@ -175,7 +175,7 @@ def test_coarse_disparity_equals_its_numpy_twin(seed: int, lowest: int, step: in
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.integers(1, 2))
-def test_differences_and_shared_step_equal_their_numpy_twins(seed: int, step: int, apart: int) -> None:
+def test_differences_and_shared_step_equal_their_numpy_twins(seed, step, apart):
     rng = np.random.default_rng(seed)
     left, right = (rng.integers(0, 256, size).astype(np.uint8) for size in ((9, 12), (40, 60)))
     disparity = rng.uniform(3.0, 7.0, (9, 12)).astype(np.float32)

@@ -1,7 +1,7 @@
 """Readers of stereo recordings."""
 
 import threading
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -45,7 +45,7 @@ def test_folder_recording_yields_pairs_in_order_each_time(tmp_path, colour):
     ],
     ids=["no image", "cut off", "another size"],
 )
-def test_damaged_image_is_skipped_and_counted(tmp_path: Path, damage: Callable[[bytes], bytes], why: str) -> None:
+def test_damaged_image_is_skipped_and_counted(tmp_path, damage, why):
     file = folder_recording(tmp_path / "r") / "left" / "0002.png"
     file.write_bytes(damage(file.read_bytes()))
     recording = open_recording(tmp_path / "r")
@@ -53,7 +53,7 @@ def test_damaged_image_is_skipped_and_counted(tmp_path: Path, damage: Callable[[
     assert [(s.index, s.why) for s in recording.skipped] == [(2, f"left: left/0002.png {why}")]
 
 
-def test_frames_whose_time_does_not_advance_are_skipped_with_the_reason(tmp_path: Path) -> None:
+def test_frames_whose_time_does_not_advance_are_skipped_with_the_reason(tmp_path):
     times, image = [0.0, 0.1, np.nan, 0.1, 0.05, 0.2], np.zeros((H, W), np.uint8)
 
     def decode(indices: Sequence[int] | None) -> Generator[tuple[Decoded], None, None]:
@@ -70,7 +70,7 @@ def test_frames_whose_time_does_not_advance_are_skipped_with_the_reason(tmp_path
     assert [frame.index for frame in video.at([0, 2, 5])] == [0, 5]
 
 
-def test_missing_file_leaves_a_gap_in_time(tmp_path: Path) -> None:
+def test_missing_file_leaves_a_gap_in_time(tmp_path):
     folder = folder_recording(tmp_path / "r", 15)
     (folder / "left" / "0002.png").unlink()
     write_times(folder / "timestamps.csv", [i * 0.1 for i in range(15)])
@@ -80,7 +80,7 @@ def test_missing_file_leaves_a_gap_in_time(tmp_path: Path) -> None:
     assert recording.fps == pytest.approx(10.0) and recording.skipped[0].index == 2
 
 
-def test_folders_that_do_not_pair_are_refused_by_name(tmp_path: Path) -> None:
+def test_folders_that_do_not_pair_are_refused_by_name(tmp_path):
     folder = folder_recording(tmp_path / "r", 9)
     for i in (3, 5, 7):
         (folder / "right" / f"{i:04d}.png").unlink()
@@ -88,7 +88,7 @@ def test_folders_that_do_not_pair_are_refused_by_name(tmp_path: Path) -> None:
         open_recording(folder)
 
 
-def test_files_pair_by_number_or_in_order_and_not_by_names_alone() -> None:
+def test_files_pair_by_number_or_in_order_and_not_by_names_alone():
     pairs = pair_files([Path(f"l/left{i:02d}.jpg") for i in range(9)], [Path(f"r/right{i:02d}.jpg") for i in range(9)])
     assert pairs[4] == (Path("l/left04.jpg"), Path("r/right04.jpg"))
     left, right = ([Path(f"{first + 33 * i}.png") for i in range(5)] for first in (1000, 1007))
@@ -97,7 +97,7 @@ def test_files_pair_by_number_or_in_order_and_not_by_names_alone() -> None:
         pair_files([Path(f"left/{name}.png") for name in "abc"], [Path("right/a.png"), Path("right/c.png")])
 
 
-def test_even_sequence_leaves_uneven_numbers_alone() -> None:
+def test_even_sequence_leaves_uneven_numbers_alone():
     assert even_sequence([0, 5, 15]) == [0, 5, 10, 15]
     assert even_sequence([1000, 1033, 1067, 1100]) == [1000, 1033, 1067, 1100] and even_sequence([3]) == [3]
 
@@ -120,11 +120,11 @@ def test_videos_are_read_and_grey_detected_and_the_shorter_trims_the_pair(tmp_pa
     ],
     ids=["folders", "two videos", "one video"],
 )
-def test_recording_lists_the_files_of_its_images(tmp_path: Path, make, names: list[str]) -> None:
+def test_recording_lists_the_files_of_its_images(tmp_path, make, names):
     assert [file.name for file in make(tmp_path).files] == names
 
 
-def test_truncated_video_ends_early_with_a_note(tmp_path: Path) -> None:
+def test_truncated_video_ends_early_with_a_note(tmp_path):
     video_pair(tmp_path, (30, 30), 320, 240)
     data = (tmp_path / "right.avi").read_bytes()
     (tmp_path / "right.avi").write_bytes(data[: len(data) // 2])
@@ -133,13 +133,13 @@ def test_truncated_video_ends_early_with_a_note(tmp_path: Path) -> None:
     assert 0 < count < 30 and len(recording.skipped) == 30 - count
 
 
-def test_single_camera_video_is_refused_as_a_pair(tmp_path: Path) -> None:
+def test_single_camera_video_is_refused_as_a_pair(tmp_path):
     write_video(tmp_path / "clip.avi", 3, 64, 48)
     with pytest.raises(InputError, match="needs both cameras"):
         open_recording(tmp_path / "clip.avi")
 
 
-def test_sample_spreads_frames_leaves_skipped_alone_and_seeks_in_videos(tmp_path: Path) -> None:
+def test_sample_spreads_frames_leaves_skipped_alone_and_seeks_in_videos(tmp_path):
     recording = open_recording(folder_recording(tmp_path / "r"))
     assert [f.index for f in recording.sample(3)] == [0, 2, 5]
     assert [f.index for f in recording.sample(100)] == list(range(6)) and recording.skipped == []
@@ -147,12 +147,12 @@ def test_sample_spreads_frames_leaves_skipped_alone_and_seeks_in_videos(tmp_path
     assert [(f.index, round(int(f.image[4, 4]) / 20)) for f in frames] == [(i, i) for i in (0, 4, 7, 11)]
 
 
-def test_path_that_is_absent_is_refused(tmp_path: Path) -> None:
+def test_path_that_is_absent_is_refused(tmp_path):
     with pytest.raises(InputError, match="no such file or folder"):
         open_recording(tmp_path / "absent")
 
 
-def test_world_file_gives_the_pose(tmp_path: Path) -> None:
+def test_world_file_gives_the_pose(tmp_path):
     folder = folder_recording(tmp_path / "r")
     rotation = "rotation = [[1,0,0],[0,-1,0],[0,0,-1]]"
     (folder / "world.toml").write_text(f"[world_SE3_left]\n{rotation}\ntranslation_m = [0,0,2.5]\n")
@@ -160,14 +160,14 @@ def test_world_file_gives_the_pose(tmp_path: Path) -> None:
     assert pose is not None and pose.translation[2] == 2.5
 
 
-def test_single_camera_folder_is_a_video(tmp_path: Path) -> None:
+def test_single_camera_folder_is_a_video(tmp_path):
     folder = folder_recording(tmp_path / "r") / "left"
     (folder / "0001.png").write_bytes(b"")
     video = open_video(folder)
     assert [f.index for f in video] == [0, 2, 3, 4, 5] and video.sensor.size == (W, H) and len(video.skipped) == 1
 
 
-def test_prefetch_passes_errors_on_stops_its_thread_and_closes_its_source() -> None:
+def test_prefetch_passes_errors_on_stops_its_thread_and_closes_its_source():
     before, closed = threading.active_count(), threading.Event()
 
     def source(count: int) -> Iterator[int]:
@@ -186,14 +186,14 @@ def test_prefetch_passes_errors_on_stops_its_thread_and_closes_its_source() -> N
     assert closed.is_set() and threading.active_count() == before
 
 
-def test_topics_may_be_one_text_and_a_rate_must_be_a_number() -> None:
+def test_topics_may_be_one_text_and_a_rate_must_be_a_number():
     assert OpenOptions(topics="/a, /b").topics == ("/a", "/b")
     for fps in ("30", -1):
         with pytest.raises(InputError, match=f"fps=: expected 0.01 to 10000 frames per second, found {fps!r}"):
             OpenOptions(fps=fps)  # type: ignore[arg-type]
 
 
-def test_hidden_files_of_macos_and_notes_are_passed_over(tmp_path: Path) -> None:
+def test_hidden_files_of_macos_and_notes_are_passed_over(tmp_path):
     folder = folder_recording(tmp_path / "r")
     for name in ("._rig.toml", "left/._000000.png", "._left.mp4"):
         (folder / name).write_bytes(b"\0\5\x16\7" + bytes(100))
@@ -220,7 +220,7 @@ def video_with_times(path: Path, ticks: list[int]) -> None:
     whole.unlink()
 
 
-def test_videos_are_paired_by_time_where_one_lost_frames(tmp_path: Path) -> None:
+def test_videos_are_paired_by_time_where_one_lost_frames(tmp_path):
     save_rig(toy_rig((W, H), focal_px=60.0), tmp_path / "rig.toml")
     for side, ticks in (("left", list(range(10))), ("right", [0, 1, 2, 3, 7, 8, 9])):
         video_with_times(tmp_path / f"{side}.mkv", ticks)
@@ -234,7 +234,7 @@ def test_videos_are_paired_by_time_where_one_lost_frames(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("count", [10, 7])
-def test_videos_are_paired_by_time_where_the_right_one_begins_later(tmp_path: Path, count: int) -> None:
+def test_videos_are_paired_by_time_where_the_right_one_begins_later(tmp_path, count):
     save_rig(toy_rig((W, H), focal_px=60.0), tmp_path / "rig.toml")
     video_with_times(tmp_path / "left.mkv", list(range(count)))
     video_with_times(tmp_path / "right.mkv", list(range(3, 10)))
@@ -245,7 +245,7 @@ def test_videos_are_paired_by_time_where_the_right_one_begins_later(tmp_path: Pa
     assert any("right video begins +0.3 s after the left one" in note for note in recording.notes)
 
 
-def test_videos_of_two_clocks_are_paired_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_videos_of_two_clocks_are_paired_in_order(tmp_path, monkeypatch):
     packets = {"left.avi": np.arange(6) / 10, "right.avi": 90 + np.arange(6) / 10}
     monkeypatch.setattr("stereo.readers.video._packets", lambda path, most=None: _Packets(packets[path.name], ()))
     recording = open_recording(video_pair(tmp_path, (6, 6)))
@@ -254,7 +254,7 @@ def test_videos_of_two_clocks_are_paired_in_order(tmp_path: Path, monkeypatch: p
 
 
 @pytest.mark.parametrize(("count", "how"), [(6, "in order"), (30, "by number")])
-def test_images_numbered_from_different_starts_are_named(tmp_path: Path, count: int, how: str) -> None:
+def test_images_numbered_from_different_starts_are_named(tmp_path, count, how):
     folder = folder_recording(tmp_path / "r", count, [picture(n) for n in range(count)])
     for file in sorted((folder / "right").iterdir(), reverse=True):
         file.rename(file.with_name(f"{int(file.stem) + 1:04d}.png"))
@@ -262,7 +262,7 @@ def test_images_numbered_from_different_starts_are_named(tmp_path: Path, count: 
     assert any(f"left/0000.png and right/0001.png: paired {how}" in note for note in notes)
 
 
-def test_rate_of_the_caller_replaces_the_times_of_one_camera(tmp_path: Path) -> None:
+def test_rate_of_the_caller_replaces_the_times_of_one_camera(tmp_path):
     folder = folder_recording(tmp_path / "r") / "left"
     write_times(folder / "timestamps.csv", [0, 7, 9])
     video = open_video(folder, OpenOptions(fps=5.0))
@@ -278,7 +278,7 @@ def test_rate_of_the_caller_replaces_the_times_of_one_camera(tmp_path: Path) -> 
         (open_recording, OpenOptions(topics=("/a", "/b")), "topics=: expected a bag, found .*images of two cameras"),
     ],
 )
-def test_options_that_a_recording_does_not_take_are_refused(tmp_path: Path, opened, options, message) -> None:
+def test_options_that_a_recording_does_not_take_are_refused(tmp_path, opened, options, message):
     folder = folder_recording(tmp_path / "r")
     with pytest.raises(InputError, match=message):
         opened(folder / "left" if opened is open_video else folder, options)
@@ -318,7 +318,7 @@ def test_stream_with_both_views_gives_pairs_until_it_ends_and_samples_a_quarter_
     assert [f.index for f in again.sample(3)] == [0, 3, 6]
 
 
-def test_two_streams_are_paired_as_they_come(served) -> None:
+def test_two_streams_are_paired_as_they_come(served):
     address, options = served
     recording = open_recording(Path(f"{address}/left.avi,{address}/right.avi"), options)
     assert len(list(recording)) == COUNT and "paired as they come" in recording.notes[0]
@@ -349,7 +349,7 @@ def numbered_video(path: Path, code: str) -> Path:
 
 
 @pytest.mark.parametrize(("name", "code"), [("a.avi", "PIM1"), ("a.mpg", "PIM1"), ("a.mp4", "mp4v")])
-def test_frames_of_a_video_by_number_are_those_of_reading_in_order(tmp_path: Path, name: str, code: str) -> None:
+def test_frames_of_a_video_by_number_are_those_of_reading_in_order(tmp_path, name, code):
     video = VideoFile(numbered_video(tmp_path / name, code))  # OpenCV's seek in the first is off by one frame
     assert video._seeks == (name != "a.avi")
     found = [(frame.index, frame.image) for frame in video.at([5, 299, 399])]
@@ -357,7 +357,7 @@ def test_frames_of_a_video_by_number_are_those_of_reading_in_order(tmp_path: Pat
     assert shown == [index for index, _ in found] == [5, 299, 399]
 
 
-def test_sensor_without_times_is_refused_and_a_rate_is_that_of_all(tmp_path: Path) -> None:
+def test_sensor_without_times_is_refused_and_a_rate_is_that_of_all(tmp_path):
     for name in ("a", "b"):
         folder_recording(tmp_path / name)
     write_times(tmp_path / "a" / "timestamps.csv", [0, 0.2, 0.4])

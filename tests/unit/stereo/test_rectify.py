@@ -44,7 +44,7 @@ FISHEYE = Camera(320, 240, 140.0, 140.0, 159.5, 119.5, "fisheye", (0.02, -0.01, 
 
 
 @pytest.mark.parametrize(("distortion", "lens", "most"), [((), None, 0.06), (BROWN, None, 0.06), ((), FISHEYE, 0.1)])
-def test_rows_of_a_turned_pair_are_aligned(distortion: tuple[float, ...], lens: Camera | None, most: float) -> None:
+def test_rows_of_a_turned_pair_are_aligned(distortion, lens, most):
     rig = toy_rig(rotation_deg=TURN, distortion=distortion)
     rig = StereoRig(lens, lens, rig.right_SE3_left) if lens else rig
     pair = Rectifier(rig)(*ToyWorld().pair(rig, walking(10)))
@@ -52,13 +52,13 @@ def test_rows_of_a_turned_pair_are_aligned(distortion: tuple[float, ...], lens: 
     assert len(offsets) > 60 and np.median(np.abs(offsets)) < most
 
 
-def test_cameras_one_above_the_other_give_an_upright_strip() -> None:
+def test_cameras_one_above_the_other_give_an_upright_strip():
     camera = toy_rig().left
     rig = StereoRig(camera, camera, SE3(np.eye(3), np.array([0.0, -0.12, 0.0])))
     assert Rectifier(rig).geometry.size == (240, 320)
 
 
-def test_large_images_are_reduced_to_the_working_size_unless_the_full_size_is_asked_for() -> None:
+def test_large_images_are_reduced_to_the_working_size_unless_the_full_size_is_asked_for():
     rig = toy_rig((1280, 960), focal_px=920.0)
     assert Rectifier(rig, RectifyParams(working_px=0)).geometry.size == (1280, 960)
     rectifier = Rectifier(rig)
@@ -67,14 +67,14 @@ def test_large_images_are_reduced_to_the_working_size_unless_the_full_size_is_as
     np.testing.assert_array_equal(rectifier(checker, checker).image, checker[::2, ::2])
 
 
-def test_odd_sizes_are_reduced_without_a_shift() -> None:
+def test_odd_sizes_are_reduced_without_a_shift():
     ramp = np.tile(np.arange(1281) / 6.0, (801, 1)).astype(np.uint8)
     row = Rectifier(toy_rig((1281, 801), focal_px=900.0))(ramp, ramp).image[200].astype(float)
     expected = ((np.arange(640) + 0.5) * 1281 / 640 - 0.5) / 6.0
     assert np.abs(row - expected)[5:-5].mean() < 0.7
 
 
-def test_folding_lens_model_is_not_followed_outside_its_range() -> None:
+def test_folding_lens_model_is_not_followed_outside_its_range():
     camera = Camera(1280, 800, 808.0, 808.0, 634.0, 408.0, "rational", RATIONAL)
     assert 0.7 < fold_radius(camera) < 0.9 < fold_radius(toy_rig().left) == np.inf
     rectifier = Rectifier(StereoRig(camera, camera, SE3(np.eye(3), np.array([-0.07, 0.0, 0.0]))))
@@ -83,14 +83,14 @@ def test_folding_lens_model_is_not_followed_outside_its_range() -> None:
     assert not rectifier.mask[radius > 0.9].any() and rectifier.mask[radius < 0.4].all()
 
 
-def test_field_grows_with_the_share_of_border_kept() -> None:
+def test_field_grows_with_the_share_of_border_kept():
     rig = toy_rig(distortion=BROWN)
     rotation, _ = rig.rectifying_rotations()
     focals = [ideal_pinhole(rig.left, rotation, 640, q, 0.12).focal_u_px for q in (0.0, 0.5, 1.0)]
     assert focals[0] > focals[1] > focals[2]
 
 
-def test_source_pixels_lead_back_to_the_recorded_pixel() -> None:
+def test_source_pixels_lead_back_to_the_recorded_pixel():
     rig = toy_rig(rotation_deg=TURN, distortion=BROWN)
     rotation, _ = rig.rectifying_rotations()
     g = Rectifier(rig).geometry
@@ -102,7 +102,7 @@ def test_source_pixels_lead_back_to_the_recorded_pixel() -> None:
 
 
 @pytest.mark.parametrize("turn_deg", [(0.3, 0.0, 0.3), (0.0, 0.5, 0.0)])
-def test_aligned_rectifier_takes_out_a_turn_the_calibration_missed(turn_deg: tuple[float, float, float]) -> None:
+def test_aligned_rectifier_takes_out_a_turn_the_calibration_missed(turn_deg):
     true, claimed = toy_rig(rotation_deg=turn_deg), toy_rig()
     world = ToyWorld()
     frames = [Frame(i, i / 15, (world.pair(true, walking(i), i),)) for i in (0, 20)]
@@ -121,7 +121,7 @@ def test_rectifier_takes_colour_on_the_left_and_refuses_other_sizes():
         Rectifier(toy_rig())(np.zeros((240, 321), np.uint8), np.zeros((240, 321), np.uint8))
 
 
-def test_a_reduced_pair_has_the_greys_of_the_whole_pair_and_means_of_its_image() -> None:
+def test_a_reduced_pair_has_the_greys_of_the_whole_pair_and_means_of_its_image():
     rig = toy_rig(rotation_deg=TURN, distortion=BROWN)
     rectifier, images = Rectifier(rig), ToyWorld().pair(rig)
     whole, reduced = rectifier(*images), rectifier.reduce(*images, 2)
@@ -172,13 +172,13 @@ def test_sensors_give_the_frames_of_each_moment(first, second, start_s, frames):
     assert [found for _, found in moments((first, 0.0), (second, start_s))] == frames
 
 
-def test_times_are_means_that_begin_with_the_earliest_sensor() -> None:
+def test_times_are_means_that_begin_with_the_earliest_sensor():
     assert moments((Times([0.0]), 0.0), (Times([0.0]), -3.0))[0] == (0.0, [None, 0])
     even = Times([0.0, 0.1, 0.2])
     assert [time for time, _ in moments((even, 0.0), (even, 0.12))] == [0.0, 0.11, 0.21, 0.32]
 
 
-def test_skipped_frames_name_their_sensor() -> None:
+def test_skipped_frames_name_their_sensor():
     times = Times([0.0])
     times.skipped.append(Skipped(4, "left: file is missing"))
     times.name = "north"
@@ -187,7 +187,7 @@ def test_skipped_frames_name_their_sensor() -> None:
     assert recording.fps == pytest.approx(10.0)
 
 
-def test_calibration_of_rectified_images_has_the_baseline_and_neither_lens_nor_turn() -> None:
+def test_calibration_of_rectified_images_has_the_baseline_and_neither_lens_nor_turn():
     turned = toy_rig((320, 240), rotation_deg=(3.0, 0.0, 0.0))
     ideal = rectified_rig(turned)
     assert is_ideal(ideal) and not is_ideal(turned)

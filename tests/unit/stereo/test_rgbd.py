@@ -31,7 +31,7 @@ def test_sensors_have_the_noise_that_was_published():
     assert flight.disparity_std_per_px2 * at**2 == pytest.approx(at / 0.5 * 0.005)  # sigma_d = d / z sigma_z
 
 
-def test_equivalent_disparity_gives_the_depth_back() -> None:
+def test_equivalent_disparity_gives_the_depth_back():
     depth = np.full((48, 64), 3.0, np.float32)
     depth[0, 0] = np.nan
     rectifier = RgbdRectifier(CAMERA, "structured-light")
@@ -41,13 +41,13 @@ def test_equivalent_disparity_gives_the_depth_back() -> None:
     assert np.isnan(back[0, 0])
 
 
-def test_rectifier_refuses_depth_of_another_size() -> None:
+def test_rectifier_refuses_depth_of_another_size():
     with pytest.raises(ValueError, match="expected image and depth of"):
         RgbdRectifier(CAMERA, "stereo")(np.zeros((48, 64), np.uint8), np.ones((24, 32), np.float32))
 
 
 @pytest.mark.parametrize("farther_px", [[], [38]], ids=["alone", "before a farther surface"])
-def test_registration_shifts_depth_by_the_disparity_and_keeps_the_nearer_surface(farther_px: list[int]) -> None:
+def test_registration_shifts_depth_by_the_disparity_and_keeps_the_nearer_surface(farther_px):
     rig = RgbdRig(CAMERA, CAMERA, SE3(np.eye(3), np.array([-0.1, 0.0, 0.0])))
     depth = np.full((48, 64), np.nan, np.float32)
     depth[20, farther_px] = 6.0  # 1 px to the left: column 37 too
@@ -63,7 +63,7 @@ def test_registered_depth_stays_as_it_is_and_otherwise_fills_an_image_of_more_pi
     assert DepthRegistration(RgbdRig(CAMERA))(depth) is depth
 
 
-def test_registration_into_a_lens_hits_the_recorded_pixel() -> None:
+def test_registration_into_a_lens_hits_the_recorded_pixel():
     lens = Camera(64, 48, 60.0, 60.0, 31.5, 23.5, "brown", LENS)
     depth = np.full((48, 64), np.nan, np.float32)
     depth[40, 60] = 2.0
@@ -72,7 +72,7 @@ def test_registration_into_a_lens_hits_the_recorded_pixel() -> None:
     assert [round(v), round(u)] in np.argwhere(np.isfinite(moved)).tolist()
 
 
-def test_registration_kernel_agrees_with_numpy() -> None:
+def test_registration_kernel_agrees_with_numpy():
     rng = np.random.default_rng(3)
     depth = rng.uniform(0.5, 6.0, (20, 30)).astype(np.float32)
     depth[rng.random(depth.shape) < 0.2] = np.nan
@@ -113,7 +113,7 @@ def _open(path: Path) -> Recording[DepthCamera]:
 
 
 @pytest.mark.parametrize("names", [("rgb", "depth"), ("color", "depth"), ("Color", "aligned_depth_to_color")])
-def test_folders_hold_millimetres_unless_a_file_gives_another_unit(tmp_path: Path, names: tuple[str, str]) -> None:
+def test_folders_hold_millimetres_unless_a_file_gives_another_unit(tmp_path, names):
     (frame, *_), recording = list(rec := _open(_folders(tmp_path, COLOUR, names))), rec
     assert (recording.n_frames, recording.sensor.camera.fx, recording.sensor.technology) == (
         3,
@@ -125,7 +125,7 @@ def test_folders_hold_millimetres_unless_a_file_gives_another_unit(tmp_path: Pat
 
 
 @pytest.mark.parametrize("scale", [5000.0, 0.0002])
-def test_depth_scale_counts_units_of_a_metre_or_metres_of_a_unit(tmp_path: Path, scale: float) -> None:
+def test_depth_scale_counts_units_of_a_metre_or_metres_of_a_unit(tmp_path, scale):
     frame = next(iter(_open(_folders(tmp_path, COLOUR | {"depth_scale": scale}))))
     np.testing.assert_allclose(frame.images[1], 0.5)
 
@@ -135,13 +135,13 @@ def test_depth_scale_counts_units_of_a_metre_or_metres_of_a_unit(tmp_path: Path,
     [("depth_to_rgb", {"T_m": [0.0, 0.0, 0.5]}), ("color_to_depth", {"T": [0.0, 0.0, -500.0]})],
     ids=["metres", "the other way in millimetres"],
 )
-def test_depth_in_its_own_frame_is_moved_by_the_pose(tmp_path: Path, key: str, shift: dict[str, list[float]]) -> None:
+def test_depth_in_its_own_frame_is_moved_by_the_pose(tmp_path, key, shift):
     content = {"rgb": COLOUR, "depth": COLOUR, key: {"R": np.eye(3).tolist(), **shift}}
     frame = next(iter(_open(_folders(tmp_path, content))))
     np.testing.assert_allclose(frame.images[1][24, 32], 3.0)
 
 
-def test_open3d_intrinsics_are_stored_by_columns_and_name_the_sensor(tmp_path: Path) -> None:
+def test_open3d_intrinsics_are_stored_by_columns_and_name_the_sensor(tmp_path):
     matrix = [60.0, 0, 0, 0, 61.0, 0, 31.5, 23.5, 1.0]
     content = {"width": 64, "height": 48, "intrinsic_matrix": matrix, "depth_mode": "NFOV_UNBINNED"}
     recording = _open(_folders(tmp_path, content))
@@ -152,14 +152,14 @@ def test_open3d_intrinsics_are_stored_by_columns_and_name_the_sensor(tmp_path: P
     )
 
 
-def test_images_and_depth_in_one_folder_are_distinguished_by_name(tmp_path: Path) -> None:
+def test_images_and_depth_in_one_folder_are_distinguished_by_name(tmp_path):
     write_images(tmp_path, *(f"frame-00000{i}.color.png" for i in range(3)), image=BGR)
     write_images(tmp_path, *(f"frame-00000{i}.depth.png" for i in range(3)), image=deep(2000))
     (tmp_path / "intrinsic.json").write_text(json.dumps(COLOUR))
     assert [frame.index for frame in _open(tmp_path)] == [0, 1, 2]
 
 
-def test_times_in_names_pair_images_with_depth(tmp_path: Path) -> None:
+def test_times_in_names_pair_images_with_depth(tmp_path):
     write_images(tmp_path / "rgb", *(f"1305031102.{t}.png" for t in (175304, 211214, 243211)), image=BGR)
     write_images(tmp_path / "depth", *(f"1305031102.{t}.png" for t in (160407, 226738)), image=deep(2000))
     (tmp_path / "intrinsic.json").write_text(json.dumps(COLOUR))
@@ -168,13 +168,13 @@ def test_times_in_names_pair_images_with_depth(tmp_path: Path) -> None:
     assert recording.notes == ["1 of 3 images without a depth image within 20 ms, skipped"]
 
 
-def test_depth_of_another_resolution_counts_as_registered(tmp_path: Path) -> None:
+def test_depth_of_another_resolution_counts_as_registered(tmp_path):
     recording = _open(_folders(tmp_path, COLOUR, depth=deep(2000, (24, 32))))
     assert np.isfinite(next(iter(recording)).images[1][2:-2, 2:-2]).all()
     assert any("counts as registered" in note for note in recording.notes)
 
 
-def test_folders_without_calibration_are_refused(tmp_path: Path) -> None:
+def test_folders_without_calibration_are_refused(tmp_path):
     (_folders(tmp_path, COLOUR) / "calib.json").unlink()
     with pytest.raises(InputError, match="expected a calibration of the images"):
         open_any(tmp_path)
@@ -187,18 +187,18 @@ def test_folders_without_calibration_are_refused(tmp_path: Path) -> None:
         ({"left": COLOUR, "right": COLOUR}, "that of a stereo pair: name the camera of the images alone"),
     ],
 )
-def test_calibration_of_a_pair_or_another_aspect_is_refused_for_images_with_depth(tmp_path, content, message) -> None:
+def test_calibration_of_a_pair_or_another_aspect_is_refused_for_images_with_depth(tmp_path, content, message):
     with pytest.raises(InputError, match=message):
         open_any(_folders(tmp_path, content))
 
 
-def test_calibration_of_twice_the_resolution_is_scaled(tmp_path: Path) -> None:
+def test_calibration_of_twice_the_resolution_is_scaled(tmp_path):
     large = {"fx": 120.0, "fy": 120.0, "cx": 63.5, "cy": 47.5, "width": 128, "height": 96}
     recording = _open(_folders(tmp_path, large))
     assert recording.sensor.camera.fx == 60.0 and "scaled from 128x96" in recording.sensor.source
 
 
-def test_lost_depth_image_is_skipped_with_a_reason(tmp_path: Path) -> None:
+def test_lost_depth_image_is_skipped_with_a_reason(tmp_path):
     _folders(tmp_path, COLOUR)
     (tmp_path / "depth" / "1.png").write_bytes(b"broken")
     recording = _open(tmp_path)
@@ -214,7 +214,7 @@ def _tum(path: Path, depth_at: tuple[str, ...] = ("10.0", "10.1", "10.2")) -> Pa
     return path
 
 
-def test_tum_images_take_the_depth_of_their_time(tmp_path: Path) -> None:
+def test_tum_images_take_the_depth_of_their_time(tmp_path):
     recording = _open(_tum(tmp_path, ("10.01", "10.15", "10.21")))
     frames = list(recording)
     assert [(frame.index, round(frame.timestamp_s, 6)) for frame in frames] == [(0, 0.0), (2, 0.2)]
@@ -222,7 +222,7 @@ def test_tum_images_take_the_depth_of_their_time(tmp_path: Path) -> None:
     assert len(recording.skipped) == 1 and any("nominal Kinect camera" in note for note in recording.notes)
 
 
-def test_tum_lists_may_have_milliseconds_before_names_of_windows(tmp_path: Path) -> None:
+def test_tum_lists_may_have_milliseconds_before_names_of_windows(tmp_path):
     _tum(tmp_path)
     for name in ("rgb", "depth"):
         lines = [f"{1_700_000_000_000 + 100 * i} {name}\\10.{i}.png" for i in range(3)]
@@ -230,7 +230,7 @@ def test_tum_lists_may_have_milliseconds_before_names_of_windows(tmp_path: Path)
     assert [round(frame.timestamp_s, 6) for frame in _open(tmp_path)] == [0.0, 0.1, 0.2]
 
 
-def test_tum_associations_decide_when_they_are_there(tmp_path: Path) -> None:
+def test_tum_associations_decide_when_they_are_there(tmp_path):
     _tum(tmp_path, ("10.01", "10.11", "10.21"))
     (tmp_path / "associations.txt").write_text("10.0 rgb/10.0.png 10.01 depth/10.01.png\n")
     recording = _open(tmp_path)
@@ -242,7 +242,7 @@ def test_tum_associations_decide_when_they_are_there(tmp_path: Path) -> None:
     ("line", "found"),
     [("10.0 ../secret.png", "inside the recording"), ("nan rgb/10.1.png", r"rgb\.txt: expected time.* found 'nan")],
 )
-def test_tum_names_outside_and_times_that_no_clock_shows_are_refused(tmp_path: Path, line: str, found: str) -> None:
+def test_tum_names_outside_and_times_that_no_clock_shows_are_refused(tmp_path, line, found):
     (_tum(tmp_path) / "rgb.txt").write_text(f"# times\n10.0 rgb/10.0.png\n{line}\n")
     with pytest.raises(InputError, match=found):
         open_any(tmp_path)
@@ -255,7 +255,7 @@ def test_mates_are_nearest_to_each_other_and_metres_leave_out_what_no_sensor_mea
     np.testing.assert_array_equal(found, np.array([[np.nan, 1.0, np.nan]], np.float32))
 
 
-def test_tum_line_with_the_time_of_another_is_named(tmp_path: Path) -> None:
+def test_tum_line_with_the_time_of_another_is_named(tmp_path):
     listed = "10.0 rgb/10.0.png\n10.1 rgb/10.1.png\n10.1 rgb/10.2.png\n10.10 rgb/10.3.png\n"
     (_tum(tmp_path) / "rgb.txt").write_text(listed)
     recording = _open(tmp_path)

@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -18,18 +16,18 @@ LEFT, RIGHT = textured(), textured(12)
 
 @pytest.mark.parametrize("stack", [np.hstack, np.vstack], ids=["side by side", "stacked"])
 @pytest.mark.parametrize("squeezed", [False, True])
-def test_packing_is_found_from_what_the_views_share(stack, squeezed: bool) -> None:
+def test_packing_is_found_from_what_the_views_share(stack, squeezed):
     picture = cv2.resize(stack([LEFT, RIGHT]), (W, H)) if squeezed else stack([LEFT, RIGHT])
     found = find_packing([picture], W / H if squeezed else None)
     assert found == Packing(stack is np.vstack, squeezed)
     assert found.size((picture.shape[1], picture.shape[0])) == (W, H)
 
 
-def test_picture_of_one_camera_is_no_packing() -> None:
+def test_picture_of_one_camera_is_no_packing():
     assert find_packing([textured()], None) is None
 
 
-def test_first_view_is_the_left_one_whatever_it_shows(tmp_path: Path) -> None:
+def test_first_view_is_the_left_one_whatever_it_shows(tmp_path):
     write_frames(tmp_path / "pair.avi", [np.hstack([RIGHT, LEFT])] * 3)
     save_rig(toy_rig((W, H)), tmp_path / "rig.toml")
     recording = open_recording(tmp_path)

@@ -74,7 +74,7 @@ def test_rate_is_the_mean_of_steps_that_a_clock_of_milliseconds_rounds():
     assert rate is not None and rate.fps == pytest.approx(15, rel=1e-3)
 
 
-def test_header_that_gives_the_clock_for_a_rate_is_corrected_by_the_times(tmp_path: Path, monkeypatch):
+def test_header_that_gives_the_clock_for_a_rate_is_corrected_by_the_times(tmp_path, monkeypatch):
     write_video(tmp_path / "a.avi", 6)  # 10 per second
     times = np.arange(6) / 5
     monkeypatch.setattr("stereo.readers.video._packets", lambda path, most=None: _Packets(times, ()))
@@ -90,7 +90,7 @@ def test_header_that_gives_the_clock_for_a_rate_is_corrected_by_the_times(tmp_pa
         ("0" * 50_000_000, "expected a table of times of up to 33554432 bytes"),
     ],
 )
-def test_bad_timestamps_are_refused(tmp_path: Path, text: str, found: str) -> None:
+def test_bad_timestamps_are_refused(tmp_path, text, found):
     (tmp_path / "timestamps.csv").write_text(text)
     with pytest.raises(InputError, match=rf"timestamps\.csv: .*{found}"):
         load_timestamps(tmp_path / "timestamps.csv", range(4), range(4))
@@ -104,14 +104,14 @@ def test_bad_timestamps_are_refused(tmp_path: Path, text: str, found: str) -> No
         ("frame,timestamp_s\n0,0.0\n1\x1c,0.5\x1d\n", [0.0, 0.5]),  # marks that count as blanks
     ],
 )
-def test_timestamps_of_any_table_start_at_zero_and_keep_gaps(tmp_path: Path, text: str, times_s: list[float]) -> None:
+def test_timestamps_of_any_table_start_at_zero_and_keep_gaps(tmp_path, text, times_s):
     (tmp_path / "timestamps.csv").write_text(text)
     frames = range(len(times_s))
     np.testing.assert_allclose(load_timestamps(tmp_path / "timestamps.csv", frames, frames).times_s, times_s)
 
 
 @pytest.mark.parametrize(("name", "count"), [("r/left", 6), ("a.mjpeg", 7)])
-def test_images_and_pictures_without_a_container_have_no_times_but_those_of_a_rate(tmp_path: Path, name, count) -> None:
+def test_images_and_pictures_without_a_container_have_no_times_but_those_of_a_rate(tmp_path, name, count):
     folder_recording(tmp_path / "r")
     coded = cv2.imencode(".jpg", np.full((48, 64), 90, np.uint8))[1].tobytes()
     (tmp_path / "a.mjpeg").write_bytes(7 * coded)
@@ -122,21 +122,21 @@ def test_images_and_pictures_without_a_container_have_no_times_but_those_of_a_ra
     assert [f.timestamp_s for f in open_video(tmp_path / name, OpenOptions(fps=5)).sample(count)][:2] == [0.0, 0.2]
 
 
-def test_files_of_times_that_are_not_used_are_named_where_times_are_missing(tmp_path: Path) -> None:
+def test_files_of_times_that_are_not_used_are_named_where_times_are_missing(tmp_path):
     folder = folder_recording(tmp_path / "r")
     write_times(folder / "left_timestamps.csv", [0, 0.1, 0.2, 0.3, 0.4, 0.5])
     with pytest.raises(InputError, match=r"no timestamps.csv; not used: left_timestamps.csv .*; use fps="):
         refuse_untimed(open_recording(folder))
 
 
-def test_table_with_a_time_of_one_frame_gives_no_times(tmp_path: Path) -> None:
+def test_table_with_a_time_of_one_frame_gives_no_times(tmp_path):
     folder = folder_recording(tmp_path / "r")
     write_times(folder / "timestamps.csv", [0])
     with pytest.raises(InputError, match=r"no two frames have different times; timestamps.csv has times of 1 of 6"):
         refuse_untimed(open_recording(folder))
 
 
-def test_times_of_one_camera_are_those_of_its_list_or_names(tmp_path: Path) -> None:
+def test_times_of_one_camera_are_those_of_its_list_or_names(tmp_path):
     folder, names = folder_recording(tmp_path / "a").joinpath("left"), [f"{1700000000 + i / 5:.3f}" for i in range(6)]
     (folder / "timestamps.txt").write_text("\n".join(names))
     assert open_video(folder).fps == pytest.approx(5.0)
@@ -156,9 +156,7 @@ def test_times_of_one_camera_are_those_of_its_list_or_names(tmp_path: Path) -> N
         (range(1, 7), SLOWER, SLOWER, "are counted from 1: its rows are the images in order"),
     ],
 )
-def test_table_of_times_that_is_too_short_or_counts_from_1_is_noted(
-    tmp_path: Path, frames, times_s, found_s, note
-) -> None:
+def test_table_of_times_that_is_too_short_or_counts_from_1_is_noted(tmp_path, frames, times_s, found_s, note):
     folder = folder_recording(tmp_path / "r")
     write_times(folder / "timestamps.csv", times_s, frames)
     recording = open_recording(folder)
@@ -184,7 +182,7 @@ def test_the_unit_of_times_is_that_of_their_column(tmp_path, column, times, peri
     assert found[1] == pytest.approx(period_s) and noted in notes[0]
 
 
-def test_frames_after_a_time_far_ahead_are_read_and_run_on() -> None:
+def test_frames_after_a_time_far_ahead_are_read_and_run_on():
     image, own_s = np.zeros((4, 4), np.uint8), [0.0, 0.1, 90_000.0, 0.3, 0.4]
     parts = [(Decoded(index, time, image),) for index, time in enumerate(own_s)]
     decode = lambda indices: (part for part in parts)  # noqa: E731
@@ -198,7 +196,7 @@ COUNTER = [0, 1, 2, 9, 10, 11]
 
 
 @pytest.mark.parametrize("first", [0, 1_000_000, 65_530])
-def test_frames_that_a_camera_counted_are_the_images_in_order(tmp_path: Path, first: int) -> None:
+def test_frames_that_a_camera_counted_are_the_images_in_order(tmp_path, first):
     folder = folder_recording(tmp_path / "r")
     write_times(folder / "timestamps.csv", [n / 10 for n in COUNTER], [(first + n) % 65_536 for n in COUNTER])
     recording = open_recording(folder)
@@ -206,7 +204,7 @@ def test_frames_that_a_camera_counted_are_the_images_in_order(tmp_path: Path, fi
     assert "are the images in order" in recording.notes[0]
 
 
-def test_frames_of_a_table_that_are_the_numbers_of_the_images_are_theirs(tmp_path: Path) -> None:
+def test_frames_of_a_table_that_are_the_numbers_of_the_images_are_theirs(tmp_path):
     folder = folder_recording(tmp_path / "r", [f"{n:04d}" for n in COUNTER])
     write_times(folder / "timestamps.csv", [n / 10 for n in COUNTER], COUNTER)
     recording = open_recording(folder)
@@ -214,14 +212,14 @@ def test_frames_of_a_table_that_are_the_numbers_of_the_images_are_theirs(tmp_pat
     assert times == pytest.approx({n: n / 10 for n in COUNTER}) and not recording.notes
 
 
-def test_table_whose_frames_belong_to_no_image_is_refused_with_what_was_found(tmp_path: Path) -> None:
+def test_table_whose_frames_belong_to_no_image_is_refused_with_what_was_found(tmp_path):
     folder = folder_recording(tmp_path / "r")
     write_times(folder / "timestamps.csv", [0, 0.1, 0.2], [100, 101, 102])
     with pytest.raises(InputError, match="a row for each of 6 images, found 3 rows for frames 100 to 102"):
         open_recording(folder)
 
 
-def test_times_run_on_where_the_clock_of_a_table_was_set_back(tmp_path: Path) -> None:
+def test_times_run_on_where_the_clock_of_a_table_was_set_back(tmp_path):
     table = "".join(f"{i},0{2 + (i < 3)}:59:5{i}\n" for i in range(6))
     (tmp_path / "timestamps.csv").write_text(f"frame,time\n{table}")
     times, notes = load_timestamps(tmp_path / "timestamps.csv", range(6), range(6))
@@ -240,12 +238,12 @@ def test_times_run_on_where_the_clock_of_a_table_was_set_back(tmp_path: Path) ->
     ],
     ids=["counted", "counter with gaps", "dates", "comma before milliseconds", "names", "decimal commas"],
 )
-def test_list_of_times_may_hold_more_than_the_times(tmp_path: Path, lines: list[str]) -> None:
+def test_list_of_times_may_hold_more_than_the_times(tmp_path, lines):
     (tmp_path / "times.txt").write_text("\n".join(lines))
     assert np.diff(read_times(tmp_path / "times.txt", 6).ns) == pytest.approx(1e8)
 
 
-def test_list_of_times_that_is_too_short_is_refused(tmp_path: Path) -> None:
+def test_list_of_times_that_is_too_short_is_refused(tmp_path):
     (tmp_path / "times.txt").write_text("0.0\n0.1\n\n0.3\n")
     with pytest.raises(InputError, match="a time for each of 4 images, found 3"):
         read_times(tmp_path / "times.txt", 4)

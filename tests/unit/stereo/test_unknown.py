@@ -44,7 +44,7 @@ DEEP = np.full((24, 32), 2000, np.uint16)
         ("a.svo2", "ZED SDK"),
     ],
 )
-def test_folder_that_nearly_fits_is_told_what_to_do(tmp_path: Path, names: str, found: str) -> None:
+def test_folder_that_nearly_fits_is_told_what_to_do(tmp_path, names, found):
     for name in map(Path, names.split()):
         write_images(tmp_path, f"{name.with_suffix('.png')}")
         (tmp_path / name.with_suffix(".png")).rename(tmp_path / name)
@@ -53,47 +53,47 @@ def test_folder_that_nearly_fits_is_told_what_to_do(tmp_path: Path, names: str, 
     assert found in str(error.value) and len(str(error.value)) < 300 + len(str(tmp_path))
 
 
-def test_depth_given_as_a_video_of_its_own_is_named(tmp_path: Path) -> None:
+def test_depth_given_as_a_video_of_its_own_is_named(tmp_path):
     (tmp_path / "rgb.avi").touch()
     (tmp_path / "depth.avi").touch()
     with pytest.raises(InputError, match=r"depth.avi: depth in a video is not read"):
         find_layout(tmp_path / "rgb.avi", OpenOptions(right=tmp_path / "depth.avi"))
 
 
-def test_two_single_images_are_no_recording(tmp_path: Path) -> None:
+def test_two_single_images_are_no_recording(tmp_path):
     write_images(tmp_path, "a.png", "b.png")
     with pytest.raises(InputError, match="a single image, in which nobody walks"):
         find_layout(tmp_path / "a.png", OpenOptions(right=tmp_path / "b.png"))
 
 
-def test_registered_depth_is_taken_before_raw_depth(tmp_path: Path) -> None:
+def test_registered_depth_is_taken_before_raw_depth(tmp_path):
     write_images(tmp_path, "rgb/0.png", "rgb/1.png")
     write_images(tmp_path, "depth/0.png", "depth/1.png", "depth_registered/0.png", image=DEEP)
     _, layout = find_layout(tmp_path)
     assert layout.kind == "rgbd" and [stream.n_frames for stream in layout.streams] == [2, 1]
 
 
-def test_colour_and_depth_of_one_name_in_one_folder_are_a_recording(tmp_path: Path) -> None:
+def test_colour_and_depth_of_one_name_in_one_folder_are_a_recording(tmp_path):
     write_images(tmp_path, "0.jpg", "1.jpg")
     write_images(tmp_path, "0.png", "1.png", image=DEEP)
     assert find_layout(tmp_path)[1].kind == "rgbd"
 
 
-def test_photographs_with_both_views_are_a_recording(tmp_path: Path) -> None:
+def test_photographs_with_both_views_are_a_recording(tmp_path):
     write_images(tmp_path, "0.png", "1.png", "2.png", image=np.hstack([textured(0), textured(12)]))
     save_rig(toy_rig((320, 240)), tmp_path / "rig.toml")
     frames = list(open_recording(tmp_path))
     assert len(frames) == 3 and frames[0].image.shape == (240, 320)
 
 
-def test_sockets_are_named_in_every_way() -> None:
+def test_sockets_are_named_in_every_way():
     assert [_socket(name) for name in (1, "CAM_B", "cam_c", "LEFT", "CameraBoardSocket.CAM_A")] == [1, 1, 2, 1, 0]
 
 
 @pytest.mark.parametrize(
     "names", ["mtxL distL mtxR distR R T", "K_left D_left K_right D_right rot trans", "M1 D1 M2 D2 R T"]
 )
-def test_arrays_of_numpy_are_a_calibration_by_any_usual_names(tmp_path: Path, names: str) -> None:
+def test_arrays_of_numpy_are_a_calibration_by_any_usual_names(tmp_path, names):
     camera = [np.array([[30.0, 0, 15.5], [0, 30.0, 11.5], [0, 0, 1]]), np.zeros((1, 5))]
     values = [*camera, *camera, np.eye(3), np.array([[-0.12], [0], [0]])]
     np.savez(tmp_path / "calib.npz", **dict(zip(names.split(), values, strict=True)), maps=np.zeros((48, 64)))
@@ -101,7 +101,7 @@ def test_arrays_of_numpy_are_a_calibration_by_any_usual_names(tmp_path: Path, na
     assert rig.baseline_m == pytest.approx(0.12) and rig.left.fx == 30.0
 
 
-def test_arrays_of_numpy_that_are_no_calibration_name_what_they_lack(tmp_path: Path) -> None:
+def test_arrays_of_numpy_that_are_no_calibration_name_what_they_lack(tmp_path):
     np.savez(tmp_path / "calib.npz", Q=np.eye(4), P1=np.zeros((3, 4)))
     with pytest.raises(InputError, match=r"found none of these formats; for OpenCV .* it lacks P2"):
         load_rig(tmp_path / "calib.npz")
@@ -118,7 +118,7 @@ def test_arrays_of_numpy_that_are_no_calibration_name_what_they_lack(tmp_path: P
         (None, "one that was cut off: rerun rrd merge"),
     ],
 )
-def test_recording_that_the_viewer_cannot_show_is_refused(tmp_path: Path, content: bytes | None, found: str) -> None:
+def test_recording_that_the_viewer_cannot_show_is_refused(tmp_path, content, found):
     import rerun
 
     own = tuple(map(int, rerun.__version__.split(".")[:2]))

@@ -2,8 +2,6 @@
 
 import inspect
 import json
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +16,7 @@ NAMES = [name for group in COMMANDS.values() for name in group if name != "demo"
 
 
 @pytest.mark.parametrize("words", [*([name] for name in NAMES), *(["calibrate", name] for name in CALIBRATE)], ids=str)
-def test_options_of_a_command_are_arguments_of_the_function_of_its_name(words: list[str]) -> None:
+def test_options_of_a_command_are_arguments_of_the_function_of_its_name(words):
     function = getattr(planview.calibrate, words[1]) if len(words) > 1 else getattr(planview, words[0])
     command = make_app()[words[0]] if len(words) == 1 else make_app()["calibrate"][words[1]]
     options = {argument.field_info.name for argument in command.assemble_argument_collection()}
@@ -27,7 +25,7 @@ def test_options_of_a_command_are_arguments_of_the_function_of_its_name(words: l
     assert arguments.keys() - options <= {"camera", "matcher", "watch", "progress"}
 
 
-def test_parameters_are_tables_or_dotted_names_or_a_file_changed_by_set(tmp_path: Path) -> None:
+def test_parameters_are_tables_or_dotted_names_or_a_file_changed_by_set(tmp_path):
     (tmp_path / "c.toml").write_text("[foreground]\nbeta = 4\n")
     expected = settings({"foreground": {"beta": 4}})
     assert expected == settings({"foreground.beta": 4}) == settings(tmp_path / "c.toml")
@@ -37,9 +35,7 @@ def test_parameters_are_tables_or_dotted_names_or_a_file_changed_by_set(tmp_path
 
 
 @pytest.mark.parametrize(("frames", "span"), [(5, (0, 4)), ("5", (0, 4)), ("2:7", (2, 7)), ((2, 7), (2, 7))])
-def test_frames_are_the_first_or_from_one_to_another(
-    frames: int | str | tuple[int, int], span: tuple[int, int]
-) -> None:
+def test_frames_are_the_first_or_from_one_to_another(frames, span):
     assert frame_span(frames) == span
 
 
@@ -53,12 +49,12 @@ def test_frames_are_the_first_or_from_one_to_another(
         (lambda: planview.calibrate.board("photos", "2cm", model="pinhole"), "model"),
     ],
 )
-def test_a_choice_that_there_is_not_is_refused_with_those_there_are(call: Callable[[], object], argument: str) -> None:
+def test_a_choice_that_there_is_not_is_refused_with_those_there_are(call, argument):
     with pytest.raises(InputError, match=f"^{argument}=: expected one of .*, found '"):
         call()
 
 
-def test_two_videos_without_calibration_say_how_to_get_one(tmp_path: Path, refused) -> None:
+def test_two_videos_without_calibration_say_how_to_get_one(tmp_path, refused):
     for name in ("left.avi", "right.avi"):
         write_frames(tmp_path / name, [np.zeros((48, 64, 3), np.uint8)] * 4)
     sentence = refused("run", tmp_path / "left.avi", tmp_path / "right.avi", "--out", tmp_path / "out")
@@ -66,14 +62,14 @@ def test_two_videos_without_calibration_say_how_to_get_one(tmp_path: Path, refus
     assert all(way in sentence for way in ways)
 
 
-def test_parameters_in_a_pipe_are_a_line_each_and_have_their_units(shown_by, json_of) -> None:
+def test_parameters_in_a_pipe_are_a_line_each_and_have_their_units(shown_by, json_of):
     rows = [line.split("\t") for line in shown_by("params", "maps").splitlines()]
     assert {len(row) for row in rows} == {4} and ["maps.cell_m", "0.04", "m"] in [row[:3] for row in rows]
     assert json_of("params", "maps.cell_m")["maps.cell_m"]["unit"] == "m"
     assert planview.params("maps.cell_m")[0].default == "0.04"
 
 
-def test_evaluation_prints_what_papers_print_and_no_figure_twice(tmp_path: Path, shown_by) -> None:
+def test_evaluation_prints_what_papers_print_and_no_figure_twice(tmp_path, shown_by):
     rows = "".join(f"{t},{t / 10},1,1.0,{t / 10:.1f},1.7,confirmed\n" for t in range(40))
     (tmp_path / "tracks.csv").write_text("frame,timestamp_s,id,x_m,y_m,height_m,state\n" + rows)
     truth = tmp_path / "truth.csv"
@@ -84,7 +80,7 @@ def test_evaluation_prints_what_papers_print_and_no_figure_twice(tmp_path: Path,
     assert "group" not in printed[0] and "group" in printed[1]
 
 
-def test_checks_read_like_their_table(tmp_path: Path) -> None:
+def test_checks_read_like_their_table(tmp_path):
     (tmp_path / "left").mkdir()
     found = planview.check(tmp_path)
     lines = repr(found).splitlines()

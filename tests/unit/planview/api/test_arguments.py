@@ -2,12 +2,10 @@
 
 import logging
 
-import pytest
-
 from planview.api.arguments import log_errors_only
 
 
-def test_quiet_work_logs_no_warning(caplog: pytest.LogCaptureFixture) -> None:
+def test_quiet_work_logs_no_warning(caplog):
     log = logging.getLogger("planview.anything")
     with log_errors_only(quiet=True):
         log.warning("dark images")

@@ -1,7 +1,5 @@
 """The one type of result: words, plain values, a table, and files."""
 
-from pathlib import Path
-
 import pytest
 
 from planview.api.result import Result, aligned
@@ -9,25 +7,25 @@ from planview.api.result import Result, aligned
 RUNS = Result([1, 2], "two runs", {"runs": 2}, [{"name": "a", "score": 1.0}, {"name": "b", "score": 2.0}])
 
 
-def test_result_prints_its_words() -> None:
+def test_result_prints_its_words():
     assert str(RUNS) == repr(RUNS) == "two runs"
 
 
-def test_result_shows_control_characters() -> None:
+def test_result_shows_control_characters():
     assert "\x1b" not in str(Result(None, "\x1b[31mred"))
 
 
-def test_result_of_several_is_a_table_of_them() -> None:
+def test_result_of_several_is_a_table_of_them():
     assert RUNS.to_dataframe()["score"].tolist() == [1.0, 2.0]
 
 
 @pytest.mark.parametrize(("name", "text"), [("a.json", '{\n  "runs": 2\n}\n'), ("a.csv", "name,score\na,1.0\nb,2.0\n")])
-def test_result_is_saved_in_the_format_of_its_name(tmp_path: Path, name: str, text: str) -> None:
+def test_result_is_saved_in_the_format_of_its_name(tmp_path, name, text):
     RUNS.save(tmp_path / name)
     assert (tmp_path / name).read_text() == text
 
 
-def test_cells_stand_below_each_other_and_the_last_is_wrapped(monkeypatch) -> None:
+def test_cells_stand_below_each_other_and_the_last_is_wrapped(monkeypatch):
     monkeypatch.setenv("COLUMNS", "31")
     lines = aligned([("ok", "floor", "a long clause about the floor"), ("NO", "rows", "short")]).splitlines()
     assert lines == ["ok  floor  a long clause about", "           the floor", "NO  rows   short"]

@@ -39,11 +39,11 @@ def values(images: BoardImages) -> list[tuple[int, int]]:
         ("leftcamera/Im_L_1.png", "leftcamera/Im_L_2.png", "rightcamera/Im_R_1.png", "rightcamera/Im_R_2.png"),
     ],
 )
-def test_pairs_are_found_in_folders_and_by_name(names: Sequence[str], tmp_path: Path) -> None:
+def test_pairs_are_found_in_folders_and_by_name(names, tmp_path):
     assert values(BoardImages(save(tmp_path, names))) == [(5, 25), (15, 35)]
 
 
-def test_images_without_a_mate_or_that_cannot_be_decoded_are_named(tmp_path: Path) -> None:
+def test_images_without_a_mate_or_that_cannot_be_decoded_are_named(tmp_path):
     images = BoardImages(save(tmp_path, ["left1.png", "left2.png", "left3.png", "right1.png", "right3.png"]))
     assert [(p.name, p.why) for p in images if p.left is None] == [("left2.png", "has no mate from the other camera")]
     assert values(images) == [(5, 35), (25, 45)]
@@ -51,7 +51,7 @@ def test_images_without_a_mate_or_that_cannot_be_decoded_are_named(tmp_path: Pat
     assert next(iter(images)).why.endswith("left1.png cannot be decoded")
 
 
-def test_wide_images_are_split_in_halves(tmp_path: Path) -> None:
+def test_wide_images_are_split_in_halves(tmp_path):
     picture = np.hstack([np.full((30, 40), 7, np.uint8), np.full((30, 40), 9, np.uint8)])
     cv2.imwrite(str(tmp_path / "a.png"), picture)
     assert values(BoardImages(tmp_path)) == [(7, 9)]
@@ -72,7 +72,7 @@ def test_what_holds_no_pairs_is_refused(names, found, tmp_path):
         list(BoardImages(tmp_path / "none" if names is None else save(tmp_path, names)))
 
 
-def test_a_side_by_side_video_gives_named_frames(tmp_path: Path) -> None:
+def test_a_side_by_side_video_gives_named_frames(tmp_path):
     write_frames(tmp_path / "v.avi", [np.zeros((48, 160, 3), np.uint8)] * 6)
     images = BoardImages(tmp_path / "v.avi")
     assert images.names[0] == "frame 0"
@@ -103,7 +103,7 @@ def curve(t: F64) -> F64:
     return np.column_stack([1.5 * np.sin(0.5 * t) + 0.3 * np.sin(1.3 * t), 3.0 + 1.2 * np.cos(0.4 * t)])
 
 
-def test_a_walk_with_turns_gives_heading_place_and_clock() -> None:
+def test_a_walk_with_turns_gives_heading_place_and_clock():
     first, second = both_sensors(curve(0.05 * np.arange(600)))
     found = align_rigs([first], [second], disparity_px=0.0)
     assert math.degrees(abs(found.heading_rad - TRUE.heading_rad)) < 0.5
@@ -131,14 +131,14 @@ def test_walks_that_determine_no_alignment_are_refused(x_m, noise_m, found):
         align_rigs([], [], disparity_px=0.0)
 
 
-def test_people_of_other_heights_do_not_meet() -> None:
+def test_people_of_other_heights_do_not_meet():
     first, second = both_sensors(curve(0.05 * np.arange(600)))
     taller = WalkedPath(second.first, second.xy_m, 1.95, second.per_px_m)
     with pytest.raises(WorkError, match="no path that fits"):
         align_rigs([first], [taller], disparity_px=0.0)
 
 
-def test_a_third_sensor_is_placed_by_the_second() -> None:
+def test_a_third_sensor_is_placed_by_the_second():
     second, third = RigAlignment(math.pi / 2, 1.0, 2.0, 3.0), RigAlignment(math.pi / 2, 1.0, 0.0, -1.0)
     placed = after(second, third)
     assert (placed.x_m, placed.y_m, placed.clock_s) == pytest.approx((1.0, 3.0, 2.0))

@@ -40,7 +40,7 @@ def watched(frames: list[U8]) -> tuple[Standing, list[bool]]:
     return standing, [standing.update(i, 0.1 * i, (frame,)) for i, frame in enumerate(frames)]
 
 
-def test_panning_camera_has_moved_and_settles_when_it_stops() -> None:
+def test_panning_camera_has_moved_and_settles_when_it_stops():
     frames = [window(SCENE)] * 10 + [window(SCENE, 2 * i) for i in range(20)]
     standing, stands = watched(frames)
     assert stands[:10] == [True] * 10
@@ -49,14 +49,14 @@ def test_panning_camera_has_moved_and_settles_when_it_stops() -> None:
     assert watched(frames + [frames[-1]] * 15)[0].settled
 
 
-def test_camera_that_pans_from_the_start_stands_when_it_stops() -> None:
+def test_camera_that_pans_from_the_start_stands_when_it_stops():
     pan = [window(SCENE, 2 * i) for i in range(20)]
     _, stands = watched(pan + [pan[-1]] * 7)
     assert stands[3:20] == [False] * 17
     assert stands[-1]
 
 
-def test_frames_in_which_a_camera_swings_out_of_its_view_are_counted_as_shaking() -> None:
+def test_frames_in_which_a_camera_swings_out_of_its_view_are_counted_as_shaking():
     frames = [window(SCENE, 40 + shift_px) for shift_px in [0] * 12 + [4, -4] + [0] * 10]
     moved, shake = standing_checks(watched(frames)[0], "")
     assert moved.ok
@@ -64,7 +64,7 @@ def test_frames_in_which_a_camera_swings_out_of_its_view_are_counted_as_shaking(
     assert "in 2 frames" in shake.note
 
 
-def test_cut_is_named_after_three_seconds() -> None:
+def test_cut_is_named_after_three_seconds():
     standing, stands = watched([window(SCENE if i < 4 else OTHER) for i in range(37)])
     assert stands == [True] * 36 + [False]
     assert standing.settled
@@ -72,24 +72,24 @@ def test_cut_is_named_after_three_seconds() -> None:
 
 
 @pytest.mark.parametrize("frames", [25, 1], ids=["a person close before the camera", "one damaged frame"])
-def test_a_short_break_is_no_cut(frames: int) -> None:
+def test_a_short_break_is_no_cut(frames):
     assert all(watched([window(SCENE)] * 4 + [window(OTHER, i) for i in range(frames)] + [window(SCENE)] * 4)[1])
 
 
-def test_darkness_and_noise_are_no_cut() -> None:
+def test_darkness_and_noise_are_no_cut():
     noise = np.random.default_rng(0).integers(0, 256, (2, 20, 120, 160), np.uint8)
     frames = [*noise[0], *[np.zeros((120, 160), np.uint8)] * 20, *noise[1]]
     assert all(watched([window(SCENE)] * 4 + frames + [window(SCENE)] * 4)[1])
 
 
-def test_textured_person_before_a_plain_wall_is_no_moving_camera() -> None:
+def test_textured_person_before_a_plain_wall_is_no_moving_camera():
     frames = [np.full(SIZE[::-1], 120, np.uint8) for _ in range(25)]
     for i, frame in enumerate(frames):
         frame[20:110, 4 * i + 10 : 4 * i + 60] = SCENE[20:110, :50]
     assert all(watched(frames)[1])
 
 
-def test_crowd_that_fills_the_view_is_no_moving_camera() -> None:
+def test_crowd_that_fills_the_view_is_no_moving_camera():
     steps = np.array([-2, -2, 2, 2] * 3) * np.random.default_rng(3).uniform(0.7, 1.3, 12)
 
     def crowd(i: int) -> U8:
@@ -99,7 +99,7 @@ def test_crowd_that_fills_the_view_is_no_moving_camera() -> None:
     assert all(watched([crowd(i) for i in range(30)])[1])
 
 
-def test_camera_that_zooms_and_turns_moves() -> None:
+def test_camera_that_zooms_and_turns_moves():
     def zoomed(i: int) -> U8:
         motion = cv2.getRotationMatrix2D((80.0, 60.0), 0.5 * i, 1.0 + 0.01 * i)
         return np.asarray(cv2.warpAffine(SCENE, motion, SIZE, borderMode=cv2.BORDER_REFLECT), dtype=np.uint8)
@@ -107,7 +107,7 @@ def test_camera_that_zooms_and_turns_moves() -> None:
     assert not all(watched([zoomed(i) for i in range(20)])[1])
 
 
-def test_large_person_before_a_dark_noisy_wall_is_no_scene_cut() -> None:
+def test_large_person_before_a_dark_noisy_wall_is_no_scene_cut():
     rng = np.random.default_rng(0)
     frames = [np.clip(rng.normal(30.0, 6.0, SIZE[::-1]), 0, 255).astype(np.uint8) for _ in range(50)]
     for frame in frames[6:]:
@@ -161,7 +161,7 @@ def scaled(depth: F32) -> F32:
     return np.asarray(cv2.warpAffine(depth, to, (W, H), flags=cv2.INTER_NEAREST, borderValue=float("nan")), np.float32)
 
 
-def test_depth_of_its_image_passes() -> None:
+def test_depth_of_its_image_passes():
     assert failing() == {}
 
 
@@ -174,12 +174,12 @@ def test_depth_of_its_image_passes() -> None:
     ],
     ids=["to the left", "down", "another lens"],
 )
-def test_depth_that_is_not_of_its_image_is_named_with_its_figure(change: Callable[[F32], F32], named: str) -> None:
+def test_depth_that_is_not_of_its_image_is_named_with_its_figure(change, named):
     assert re.search(named, failing(change)["depth on its image"].note)
 
 
 @pytest.mark.parametrize("late", [1, 3])
-def test_depth_that_is_late_is_named_with_its_delay(late: int) -> None:
+def test_depth_that_is_late_is_named_with_its_delay(late):
     check = failing(late=late)["depth delay"]
     assert check.note.startswith(
         "if depth and its image are not of one time, depth late of its image, by movement: give"
@@ -187,6 +187,6 @@ def test_depth_that_is_late_is_named_with_its_delay(late: int) -> None:
     assert check.value == pytest.approx(late, abs=0.3)
 
 
-def test_images_without_edges_are_not_judged() -> None:
+def test_images_without_edges_are_not_judged():
     flat = [replace(one, shots=((np.full((H, W), 90, np.uint8), one.images[1]),)) for one in FRAMES]
     assert all(check.ok for check in registration_checks(flat[::5], flat))

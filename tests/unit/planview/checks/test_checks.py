@@ -53,7 +53,7 @@ def sides() -> tuple[list[U8], list[U8]]:
     return [picture(i, 0) for i in range(FRAMES)], [picture(i, 6) for i in range(FRAMES)]
 
 
-def test_depth_that_stands_still_or_comes_twice_is_named_with_how_long(sides: tuple[list[U8], list[U8]]) -> None:
+def test_depth_that_stands_still_or_comes_twice_is_named_with_how_long(sides):
     images, depths = sides[0], [image.astype(np.float32) for image in sides[1]]
     assert "frozen camera" not in failing(watched(images, depths, is_pair=False))
     stands = watched(images, depths[:40] + [depths[40]] * (FRAMES - 40), is_pair=False)
@@ -62,20 +62,20 @@ def test_depth_that_stands_still_or_comes_twice_is_named_with_how_long(sides: tu
     assert "frozen camera" in failing(watched(images, [depths[n // 2 * 2] for n in range(FRAMES)], is_pair=False))
 
 
-def test_cameras_that_both_stand_still_while_people_walk_are_named_with_since_when_and_how_long(sides) -> None:
+def test_cameras_that_both_stand_still_while_people_walk_are_named_with_since_when_and_how_long(sides):
     paused = [*range(20), *[20] * 20, *range(40, FRAMES)]
     found = watched(*([side[n] for n in paused] for side in sides))["stalled camera"]
     assert not found.ok and found.value == 19
     assert "the left camera and the right camera stand still from 2.1 to 4.0 s" in found.note
 
 
-def test_an_image_that_stands_still_while_its_depth_does_not_is_named(sides: tuple[list[U8], list[U8]]) -> None:
+def test_an_image_that_stands_still_while_its_depth_does_not_is_named(sides):
     images, depths = ([sides[0][n] for n in [*range(20), *[20] * 20, *range(40, FRAMES)]], sides[1])
     found = watched(images, [depth.astype(np.float32) for depth in depths], is_pair=False)["stalled camera"]
     assert not found.ok and ": the image stands still from 2.1 to 4.0 s" in found.note
 
 
-def test_people_who_stop_and_start_again_do_not_make_cameras_stand_still(sides: tuple[list[U8], list[U8]]) -> None:
+def test_people_who_stop_and_start_again_do_not_make_cameras_stand_still(sides):
     stopped = [*range(20), *[20] * 20, *range(20, 40)]
     assert "stalled camera" not in failing(watched(*([side[n] for n in stopped] for side in sides)))
 
@@ -113,21 +113,21 @@ def test_images_that_are_late_are_reported_with_their_lag(sides, late):
     assert f"right camera {'late' if late > 0 else 'ahead'}, by movement: {LATE['right camera'].remedy}" in lag.note
 
 
-def test_camera_that_stalls_once_is_reported_by_the_length_of_the_stall(sides: tuple[list[U8], list[U8]]) -> None:
+def test_camera_that_stalls_once_is_reported_by_the_length_of_the_stall(sides):
     left, right = sides
     found = watched(left * 5, (right[:20] + [right[19]] * 12 + right[32:]) + right * 4)
     assert found["frozen camera"].value < 0.1 and 10 <= found["stalled camera"].value <= 12
     assert failing(found) == {"stalled camera"}
 
 
-def test_second_half_that_is_late_is_reported(sides: tuple[list[U8], list[U8]]) -> None:
+def test_second_half_that_is_late_is_reported(sides):
     long = [[picture(i * 1.0 + 0.001 * i * i, shift) for i in range(360)] for shift in (0, 6)]
     found = watched(long[0], long[1][:180] + long[1][165:345])
     assert found["synchronisation"].value == pytest.approx(15, abs=1.0)
 
 
 @pytest.mark.parametrize("side", [0, 1])
-def test_picture_written_twice_leaves_its_camera_behind(sides: tuple[list[U8], list[U8]], side: int) -> None:
+def test_picture_written_twice_leaves_its_camera_behind(sides, side):
     both = [list(images) for images in sides]
     both[side] = both[side][:15] + both[side][14:-1]
     found = watched(*both)
@@ -135,7 +135,7 @@ def test_picture_written_twice_leaves_its_camera_behind(sides: tuple[list[U8], l
     assert f"right camera {'late' if side else 'ahead'}, by movement" in found["synchronisation"].note
 
 
-def test_every_second_frame_that_is_darker_is_a_warning() -> None:
+def test_every_second_frame_that_is_darker_is_a_warning():
     rng = np.random.default_rng(0)
     steady = 90 + 10 * np.sin(np.arange(60) / 20) + rng.normal(0, 2, 60)
     assert flicker_check(list(steady)).ok and flicker_check([90.0] * 4).ok
@@ -150,13 +150,13 @@ def wave(late: float, frames: int = WINDOW, seed: int = 0) -> F64:
 
 
 @pytest.mark.parametrize("late", [2.5, -2.5])
-def test_lag_is_found_between_frames_within_its_deviation(late: float) -> None:
+def test_lag_is_found_between_frames_within_its_deviation(late):
     lag = lag_of(wave(0.0), wave(late))
     assert lag.frames == pytest.approx(late, abs=0.15) and abs(lag.frames - late) < 4 * lag.std + 0.05
     assert lag.gain > SURELY
 
 
-def test_lag_of_cameras_in_step_or_of_one_burst_is_not_sure_and_without_movement_there_is_none() -> None:
+def test_lag_of_cameras_in_step_or_of_one_burst_is_not_sure_and_without_movement_there_is_none():
     lags = [lag_of(wave(0.0, seed=seed), wave(0.01, seed=seed)) for seed in range(20)]
     assert all(abs(lag.frames) < 0.5 for lag in lags)
     left, right = np.zeros((WINDOW, 3)), np.zeros((WINDOW, 3))
@@ -165,21 +165,21 @@ def test_lag_of_cameras_in_step_or_of_one_burst_is_not_sure_and_without_movement
     assert not lag_of(left, right).gain > SURELY
 
 
-def test_frames_long_after_any_movement_are_not_kept() -> None:
+def test_frames_long_after_any_movement_are_not_kept():
     watch, still = MotionWatch(), Thumbnails(picture(0, 0), picture(0, 6))
     for _ in range(3 * LONGEST_LAG):
         watch.update(still)
     assert len(watch._bands) == LONGEST_LAG
 
 
-def test_a_floor_that_may_be_a_wall_is_a_warning() -> None:
+def test_a_floor_that_may_be_a_wall_is_a_warning():
     floor = Floor(SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 5.0])), 0.8, 0.02)
     assert not any(check.warns for check in floor_checks(floor))
     (warning,) = (check for check in floor_checks(replace(floor, doubt="it may be a wall")) if not check.ok)
     assert warning.warns and warning.note == "it may be a wall"
 
 
-def test_thumbnails_leave_out_what_one_camera_alone_shows() -> None:
+def test_thumbnails_leave_out_what_one_camera_alone_shows():
     left, right = np.zeros((48, 80), np.uint8), np.zeros((48, 80), np.uint8)
     left[:, :10], right[:, 70:] = 255, 255
     small = Thumbnails.of_pair(left, right)

@@ -42,17 +42,17 @@ def seen(*planes: SE3) -> Any:
         (floor(2.0), "the camera has moved up by 0.50 m since"),
     ],
 )
-def test_floor_that_fits_no_more_is_named_with_the_one_that_is_there(given: SE3, said: str) -> None:
+def test_floor_that_fits_no_more_is_named_with_the_one_that_is_there(given, said):
     check = given_floor_check(seen(floor(2.5)), given, Floor(floor(2.5)), "world.toml")
     assert check.failed == bool(said) and said in check.note
     assert not said or "world.toml no longer fits: the images show a floor 2.50 m below the camera" in check.note
 
 
-def test_floor_of_which_a_table_shows_more_is_kept() -> None:
+def test_floor_of_which_a_table_shows_more_is_kept():
     table, under_it = floor(1.75), floor(2.5)
     assert given_floor_check(seen(under_it, table), under_it, Floor(table), "world.toml").ok
 
 
-def test_poorly_determined_floor_refuses_none() -> None:
+def test_poorly_determined_floor_refuses_none():
     unsure = Floor(floor(2.5), covariance=np.diag([0.1, 0.1, 0.1]) ** 2)
     assert given_floor_check(seen(floor(2.5)), floor(2.6, 55.0), unsure, "world.toml").ok

@@ -66,40 +66,40 @@ def turned(degrees: float, shift_m: tuple[float, float] = (0.0, 0.0)) -> SE3:
     return SE3(turn.rotation, about - turn.rotation @ about + np.array([*shift_m, 0.0]))
 
 
-def test_people_are_where_their_sensors_are() -> None:
+def test_people_are_where_their_sensors_are():
     places = people_places(foreground(person(0.0, 3.0), person(1.2, 3.0, 1.6)), np.array([0.0, 0.0, 2.6]))
     np.testing.assert_allclose(places, [[0.0, 3.0, 1.7], [1.2, 3.0, 1.55]], atol=0.06)
 
 
-def test_things_lower_than_a_person_are_nobody() -> None:
+def test_things_lower_than_a_person_are_nobody():
     assert len(people_places(foreground(person(0.0, 3.0, 0.8)), np.zeros(3))) == 0
 
 
-def test_sensors_that_agree_are_silent() -> None:
+def test_sensors_that_agree_are_silent():
     check = disagreement()
     assert check.ok and check.value < 0.1
 
 
 @pytest.mark.parametrize(("late_s", "how"), [(1.0, "1.0 s smaller"), (-0.4, "0.4 s larger"), (3.0, "3.0 s smaller")])
-def test_clock_that_would_let_sensors_agree_is_named(late_s: float, how: str) -> None:
+def test_clock_that_would_let_sensors_agree_is_named(late_s, how):
     check = disagreement(late_s)
     assert check.warns and not check.ok
     assert f"start_s of south {how}" in check.note
 
 
-def test_clock_is_named_where_the_times_do_not_overlap() -> None:
+def test_clock_is_named_where_the_times_do_not_overlap():
     assert "start_s of south 3.0 s smaller" in disagreement(3.0, seconds=2.8).note
 
 
 @pytest.mark.parametrize("moved", [turned(0.0, (0.0, -0.5)), turned(0.0, (0.6, 0.0)), turned(8.0)])
-def test_pose_that_would_let_sensors_agree_is_named(moved: SE3) -> None:
+def test_pose_that_would_let_sensors_agree_is_named(moved):
     check = disagreement(moved=moved)
     assert not check.ok
     numbers = check.note.split("south at x ")[1].replace(", y", "").split(" m")[0].split()
     assert [float(number) for number in numbers] == pytest.approx([0.0, 6.4], abs=0.25)
 
 
-def test_sensors_that_see_different_people_in_different_places_say_nothing() -> None:
+def test_sensors_that_see_different_people_in_different_places_say_nothing():
     north, south = SensorPaths("north", camera(NORTH_POSE)), SensorPaths("south", camera(FROM_SOUTH @ NORTH_POSE))
     for time_s in np.arange(0.0, 6.0, 0.2):
         north.update(time_s, foreground(person(0.3 * time_s - 1.0, 1.0)))
@@ -108,7 +108,7 @@ def test_sensors_that_see_different_people_in_different_places_say_nothing() -> 
     assert check.ok and math.isnan(check.value)
 
 
-def test_two_people_side_by_side_of_whom_one_is_hidden_from_one_sensor_are_no_disagreement() -> None:
+def test_two_people_side_by_side_of_whom_one_is_hidden_from_one_sensor_are_no_disagreement():
     north, south = SensorPaths("north", camera(NORTH_POSE)), SensorPaths("south", camera(FROM_SOUTH @ NORTH_POSE))
     for time_s in np.arange(0.0, 6.0, 0.2):
         x_m, y_m = walker_m(time_s)
@@ -117,7 +117,7 @@ def test_two_people_side_by_side_of_whom_one_is_hidden_from_one_sensor_are_no_di
     assert agreement_check(north, south).ok
 
 
-def test_paths_go_on_from_a_checkpoint() -> None:
+def test_paths_go_on_from_a_checkpoint():
     before, after = (SensorPaths("north", camera(NORTH_POSE)) for _ in range(2))
     walked(before, -1.0, seconds=3.0)
     after.set_state(before.state())

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli import Cli, JsonOf, Refused
 
 from calib.camera import Camera
 from calib.formats import load_rig, write_rig
@@ -87,7 +86,7 @@ def people(tmp_path: Path) -> Path:
 HUMAN = ("calibrate", "human")
 
 
-def test_camera_and_picture_are_written_for_the_image_size_of_the_file(people: Path, json_of: JsonOf) -> None:
+def test_camera_and_picture_are_written_for_the_image_size_of_the_file(people, json_of):
     out = people.parent / "out" / "camera.toml"
     printed = json_of(*HUMAN, people, "--lens", "normal-wide", "--out", out)
     camera = load_ground_camera(out)
@@ -95,7 +94,7 @@ def test_camera_and_picture_are_written_for_the_image_size_of_the_file(people: P
     assert sorted(p.name for p in out.parent.iterdir()) == ["camera.png", "camera.toml"]
 
 
-def test_a_camera_that_is_not_known_well_enough_is_written_only_when_that_is_wanted(tmp_path: Path, cli: Cli) -> None:
+def test_a_camera_that_is_not_known_well_enough_is_written_only_when_that_is_wanted(tmp_path, cli):
     people, out = tmp_path / "people.json", tmp_path / "camera.toml"
     write_samples(standing_people(GROUND_CAMERA, 3, 2, 4.0), people, GROUND_CAMERA.size)
     status, printed = cli(*HUMAN, people, "--lens", "normal-wide", "--out", out)
@@ -114,7 +113,7 @@ def test_image_size_must_be_known_and_that_of_the_file(people, refused, tmp_path
 
 
 @pytest.mark.parametrize("size", ["[640]", "[640, -1]", '"640x480"'])
-def test_image_size_that_is_none_is_refused_by_name(size: str, tmp_path: Path, refused: Refused) -> None:
+def test_image_size_that_is_none_is_refused_by_name(size, tmp_path, refused):
     path = tmp_path / "people.json"
     path.write_text(f'{{"image_size": {size}, "samples": []}}')
     assert "image_size" in refused(*HUMAN, path)
@@ -126,7 +125,7 @@ def body(mask: np.ndarray, left: int, top: int = 40, height: int = 50) -> None:
     mask[top : top + 10, left + 6 : left + 14] = 255
 
 
-def test_whole_bodies_apart_are_samples_and_one_in_two_pieces_is_none() -> None:
+def test_whole_bodies_apart_are_samples_and_one_in_two_pieces_is_none():
     mask = np.zeros((120, 160), np.uint8)
     body(mask, 60, height=60)
     mask[70:80] = 0
@@ -139,7 +138,7 @@ def test_whole_bodies_apart_are_samples_and_one_in_two_pieces_is_none() -> None:
     assert len(bodies_of(mask, 7)) == 2
 
 
-def test_pairs_and_halves_are_not_of_the_usual_size() -> None:
+def test_pairs_and_halves_are_not_of_the_usual_size():
     def standing(u: float, v: float, height: float) -> HumanSample:
         return HumanSample((u - 10, v - height, 20, height), (u, v - height), (u, v))
 

@@ -330,18 +330,18 @@ def test_square_without_unit_is_refused_with_what_to_type(text):
         parse_square(text)
 
 
-def test_points_are_pixels_or_metres_but_not_both() -> None:
+def test_points_are_pixels_or_metres_but_not_both():
     assert parse_points(["1,2", "3,4", "5,6"]).shape == (3, 2)
     assert parse_points(["1,2,3", "3,4,5", "5,6,7"]).shape == (3, 3)
     with pytest.raises(InputError, match="all u,v in pixels or all x,y,z in metres"):
         parse_points(["1,2", "3,4,5", "5,6"])
 
 
-def test_varied_values_are_those_of_a_parameter_and_seeds_those_of_the_study() -> None:
+def test_varied_values_are_those_of_a_parameter_and_seeds_those_of_the_study():
     assert varied(["maps.cell_m=0.03,0.04", "seed=1,2"]) == ({"maps.cell_m": [0.03, 0.04]}, [1, 2])
 
 
-def test_sweep_without_a_process_is_refused(tmp_path) -> None:
+def test_sweep_without_a_process_is_refused(tmp_path):
     with pytest.raises(InputError, match="jobs=: expected 1 to"):
         sweep(tmp_path, out=tmp_path / "out", jobs=0)
 
@@ -360,7 +360,7 @@ def test_arguments_of_python_are_shown_as_options(error, in_python, typed_as):
     assert str(error.about("file")) == in_python.replace(error.args[0], f"file: {error.args[0]}")
 
 
-def test_lens_without_a_place_names_the_command_that_finds_it() -> None:
+def test_lens_without_a_place_names_the_command_that_finds_it():
     hint = "(planview calibrate human VIDEO --auto --focal 410 --out camera.toml writes one)"
     assert typed(LensOnlyError(Path("lens.yaml"), "OpenCV", 410.2), {}).endswith(f"focal length 410 px) {hint}")
 
@@ -380,24 +380,24 @@ def test_messages_below_the_commands_name_no_option_and_no_command(room):
     assert not found
 
 
-def test_parameters_are_listed_by_part_of_a_name(shown_by) -> None:
+def test_parameters_are_listed_by_part_of_a_name(shown_by):
     assert shown_by("params", "maps.cell").startswith("maps.cell_m = 0.04 (from 0.005 to 0.5)\nSide of a cell")
     assert "maps.cell_m" in shown_by("params", "map*cell*")
     assert "joint." in shown_by("params")
     assert "gate_m = 0.5" in shown_by("params", "--all", "EvaluationParams.gate_m")
 
 
-def test_part_of_no_name_is_refused(refused) -> None:
+def test_part_of_no_name_is_refused(refused):
     assert "'no_such_word'" in refused("params", "no_such_word")
 
 
-def test_printed_configuration_is_the_file_that_config_takes(tmp_path, shown_by) -> None:
+def test_printed_configuration_is_the_file_that_config_takes(tmp_path, shown_by):
     settings = ["maps.cell_m=0.05", "seed=3"]
     words = ["--print-config", "--set", settings[0], "--set", settings[1]]
     (tmp_path / "c.toml").write_text(shown_by("run", tmp_path, *words))
     assert load_config(tmp_path / "c.toml") == load_config(None, settings)
 
 
-def test_run_without_a_folder_says_what_is_missing(tmp_path, refused) -> None:
+def test_run_without_a_folder_says_what_is_missing(tmp_path, refused):
     assert refused("run", tmp_path) == "planview: run needs --out FOLDER for the results"
     assert "--rrd-every: expected 1 to 100000, found 0" in refused("run", tmp_path, "--out", "out", "--rrd-every", 0)

@@ -3,7 +3,6 @@
 import io
 import logging
 
-import pytest
 from numba import njit
 from rich.table import Table
 
@@ -12,7 +11,7 @@ from planview.commands.console import PlainConsole, compile_notice, drawing
 LOG = logging.getLogger("planview.somewhere")
 
 
-def test_messages_of_the_library_are_lines_and_what_it_does_is_drawn_alone(capsys: pytest.CaptureFixture[str]) -> None:
+def test_messages_of_the_library_are_lines_and_what_it_does_is_drawn_alone(capsys):
     with drawing() as bar:
         LOG.debug("tracking")
         bar(3, 10)
@@ -20,21 +19,21 @@ def test_messages_of_the_library_are_lines_and_what_it_does_is_drawn_alone(capsy
     assert capsys.readouterr().err.strip() == "the run is finished"
 
 
-def test_quiet_drawing_shows_addresses_alone(capsys: pytest.CaptureFixture[str]) -> None:
+def test_quiet_drawing_shows_addresses_alone(capsys):
     with drawing(quiet=True):
         LOG.info("the run is finished")
         LOG.warning("open http://127.0.0.1:9090/")
     assert capsys.readouterr().err.strip() == "open http://127.0.0.1:9090/"
 
 
-def test_kernels_that_are_compiled_are_announced(caplog: pytest.LogCaptureFixture) -> None:
+def test_kernels_that_are_compiled_are_announced(caplog):
     kernel = njit(lambda x: x + 1)
     with caplog.at_level(logging.INFO), compile_notice():
         kernel(1)
     assert "once per installation" in caplog.text
 
 
-def test_kernels_that_are_cached_are_not_announced(caplog: pytest.LogCaptureFixture) -> None:
+def test_kernels_that_are_cached_are_not_announced(caplog):
     kernel = njit(lambda x: x + 1)
     kernel(1)
     with caplog.at_level(logging.INFO), compile_notice():
@@ -45,7 +44,7 @@ def test_kernels_that_are_cached_are_not_announced(caplog: pytest.LogCaptureFixt
 EVIL = "out\x1b]0;owned\x07\x1b[31m[bold]x[/]:car:\udcff"
 
 
-def test_console_shows_escape_codes_and_markup_of_names_as_text() -> None:
+def test_console_shows_escape_codes_and_markup_of_names_as_text():
     file = io.StringIO()
     console = PlainConsole(file=file, force_terminal=True, width=200, color_system=None)
     table = Table(show_header=False, box=None)

@@ -45,7 +45,7 @@ WIRE = '[[tripwire]]\nname = "door"\nfrom_m = [0, 0]\nto_m = [2, 0]\n'
 ZONE = '[[zone]]\nname = "till"\npolygon_m = [[0, 0], [2, 0], [2, 2]]\n'
 
 
-def test_rules_keep_metres_as_they_are(tmp_path: Path) -> None:
+def test_rules_keep_metres_as_they_are(tmp_path):
     rules = load_rules(rules_file(tmp_path, WIRE + ZONE + '[[queue]]\nname = "q"\nzone = "till"\n'))
     assert rules.names == ["door", "till", "q"] and rules.tripwires[0].plane == "floor"
     np.testing.assert_array_equal(rules.tripwires[0].points, [[0, 0], [2, 0]])
@@ -65,14 +65,14 @@ def placed_wire(plane: RulePlane, from_px: list[float], to_px: list[float]) -> A
     return parse_rules({"tripwire": [{"name": "w", "from_px": from_px, "to_px": to_px}]}, plane, "r").tripwires[0]
 
 
-def test_pixels_go_to_the_floor_of_a_known_camera() -> None:
+def test_pixels_go_to_the_floor_of_a_known_camera():
     placed = placed_wire(RulePlane(CAMERA), [100, 300], [500, 300])
     assert placed.plane == "floor"
     pixels = CAMERA.project(np.column_stack([placed.points, np.zeros(2)]))
     np.testing.assert_allclose(pixels, [[100, 300], [500, 300]], atol=1e-6)
 
 
-def test_pixels_stay_pixels_without_a_camera() -> None:
+def test_pixels_stay_pixels_without_a_camera():
     assert placed_wire(RulePlane(image_size=(400, 400)), [0, 200], [400, 200]).plane == "image"
 
 
@@ -105,7 +105,7 @@ def test_line_in_the_image_goes_on_beyond_the_border_where_it_ends():
         ('[[zone]]\nname = "z"\n', "polygon_m or polygon_px in zone 'z', found neither"),
     ],
 )
-def test_bad_rules_get_one_sentence_that_names_the_file(tmp_path: Path, text: str, sentence: str) -> None:
+def test_bad_rules_get_one_sentence_that_names_the_file(tmp_path, text, sentence):
     with pytest.raises(InputError) as caught:
         load_rules(rules_file(tmp_path, text))
     assert sentence in str(caught.value) and str(caught.value).startswith(str(tmp_path / "rules.toml"))
@@ -126,7 +126,7 @@ STEEP = RulePlane(GroundCamera(640, 480, 500.0, 3.0, math.radians(80)))
         ({"from_m": [1, 2], "to_m": [3, 2]}, RulePlane(None, (640, 480), has_floor=False), "has no metres"),
     ],
 )
-def test_line_outside_the_view_or_in_another_unit_is_refused(rule, plane: RulePlane, sentence: str) -> None:
+def test_line_outside_the_view_or_in_another_unit_is_refused(rule, plane, sentence):
     with pytest.raises(InputError, match=sentence):
         parse_rules({"tripwire": [{"name": "w", **rule}]}, plane, "r")
 
@@ -148,7 +148,7 @@ def test_depth_in_an_outline_is_the_distance_to_it_with_a_sign():
 
 
 @pytest.mark.parametrize("name", ["=HYPERLINK(1)", "@door", "-1+1", "+door", "a\tb", "a\x1b[31m"])
-def test_name_that_a_spreadsheet_or_terminal_would_act_on_is_refused(name: str) -> None:
+def test_name_that_a_spreadsheet_or_terminal_would_act_on_is_refused(name):
     rule = {"name": name, "from_m": [0, 0], "to_m": [1, 0]}
     with pytest.raises(InputError, match="begins with none of"):
         parse_rules({"tripwire": [rule]}, RulePlane(), "rules.toml")
@@ -172,7 +172,7 @@ def test_pixels_and_floor_of_a_camera_are_known_below_the_horizon_and_ahead():
     assert np.isnan(camera.project(np.array([[0.0, -1.0, 0.0]]))).all()
 
 
-def test_plane_of_a_rig_reads_its_world(tmp_path: Path) -> None:
+def test_plane_of_a_rig_reads_its_world(tmp_path):
     lens = Camera(640, 480, 400.0, 400.0, 319.5, 239.5)
     save_rig(StereoRig(lens, lens, SE3(np.eye(3), np.array([-0.1, 0.0, 0.0]))), tmp_path / "rig.toml")
     with pytest.raises(InputError, match=r"world\.toml: expected the pose of the rig"):
@@ -190,11 +190,11 @@ def tracks_at(times: list[float]) -> Trajectories:
     return collector.trajectories()
 
 
-def test_one_frame_has_the_given_rate() -> None:
+def test_one_frame_has_the_given_rate():
     assert np.isfinite(Clock(tracks_at([0.0]), 10.0).frame_s)
 
 
-def test_intervals_are_longer_where_the_clock_has_jumped() -> None:
+def test_intervals_are_longer_where_the_clock_has_jumped():
     rules = parse_rules({"tripwire": [{"name": "door", "from_m": [0, 1], "to_m": [1, 1]}]}, RulePlane(), "rules.toml")
     counted = count_tracks(tracks_at([0.0, 0.1, 1.6e9]), rules).to_json()
     assert len(counted["rules"]["door"]["intervals"]) == INTERVALS_MAX
@@ -220,7 +220,7 @@ def test_as_many_crossings_match_as_can():
     assert scores.matched == 2
 
 
-def test_misses_and_extras_cancel_in_the_total_but_not_in_the_strict_accuracy() -> None:
+def test_misses_and_extras_cancel_in_the_total_but_not_in_the_strict_accuracy():
     scores = crossing_scores([crossing(t) for t in (1, 2, 3, 4)], [crossing(t) for t in (1, 2, 3, 50)], 1.0)
     assert scores.accuracy == 1.0 and scores.strict_accuracy == 0.5
     assert (scores.precision, scores.recall) == (0.75, 0.75)
@@ -238,12 +238,12 @@ def test_no_crossings_have_no_scores():
 
 
 @pytest.mark.parametrize(("true", "found", "accuracy"), [(16, 17, 0.938), (54, 41, 0.759)])
-def test_accuracy_is_that_of_the_papers_table_3(true: int, found: int, accuracy: float) -> None:
+def test_accuracy_is_that_of_the_papers_table_3(true, found, accuracy):
     scores = crossing_scores([crossing(float(i)) for i in range(true)], [crossing(float(i)) for i in range(found)], 0.4)
     assert scores.accuracy == pytest.approx(accuracy, abs=0.001)
 
 
-def test_occupancy_is_grouped_by_the_true_number_as_in_table_4() -> None:
+def test_occupancy_is_grouped_by_the_true_number_as_in_table_4():
     true = np.array([0, 0, 1, 2, 4, 4, 12])
     found = np.array([0, 1, 1, 2, 3, 5, 10])
     groups = {group.people: group for group in occupancy_groups(true, found)}
@@ -290,7 +290,7 @@ def every_frame(tracks: Trajectories, rules: Rules, params: AnalyticsParams) -> 
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_counts_of_a_table_are_those_of_every_frame(seed: int) -> None:
+def test_counts_of_a_table_are_those_of_every_frame(seed):
     tracks, params = wild_tracks(seed), AnalyticsParams(min_age_s=0.3)
     rules = parse_rules(RULES, RulePlane(), "r")
     counts = count_tracks(tracks, rules, params, clock=Clock(tracks, 10.0))

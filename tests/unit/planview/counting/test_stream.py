@@ -81,12 +81,12 @@ WAYS: dict[str, tuple[list[Row], list[tuple[int, str]]]] = {
 
 
 @pytest.mark.parametrize("name", WAYS)
-def test_crossings_of_a_line(name: str) -> None:
+def test_crossings_of_a_line(name):
     rows, expected = WAYS[name]
     assert crossings(rows) == expected
 
 
-def test_age_from_which_a_track_counts_is_a_parameter() -> None:
+def test_age_from_which_a_track_counts_is_a_parameter():
     assert crossings(way([0.5, 0.1, -0.5]), min_age_s=0.2) == [(1, RIGHT)]
 
 
@@ -111,7 +111,7 @@ def test_stay_is_dated_to_the_outline_and_brushing_along_it_enters_nothing():
     assert [e for e in feed(analytics(), way([-1.0, *[0.1, -0.1] * 20, -1.0], x=3.0)) if e.rule == "room"] == []
 
 
-def test_memory_is_released_when_people_are_gone() -> None:
+def test_memory_is_released_when_people_are_gone():
     counter = analytics()
     for k in range(50):
         feed(counter, way(DOWN, track_id=k + 1, start=50 * k))
@@ -138,7 +138,7 @@ def test_zone_totals_and_occupancy_over_time_follow_the_stays():
     np.testing.assert_array_equal(counts.occupancy("room", np.array([0.5, 1.5, 4.9, 5.1])), [0, 1, 1, 0])
 
 
-def test_truth_counts_at_once_but_not_steps_back_within_the_hysteresis() -> None:
+def test_truth_counts_at_once_but_not_steps_back_within_the_hysteresis():
     rules = parse_rules({"tripwire": [WIRE]}, RulePlane(), "r")
     y = np.array([0.5, -0.15, 0.08, -0.5])
     frame = np.arange(4)
@@ -149,7 +149,7 @@ def test_truth_counts_at_once_but_not_steps_back_within_the_hysteresis() -> None
     assert event.timestamp_s == pytest.approx(0.2 + 0.1 * 0.08 / 0.58)
 
 
-def test_counts_and_tracks_are_short_tables_in_a_notebook() -> None:
+def test_counts_and_tracks_are_short_tables_in_a_notebook():
     counts, _ = totals(way(DOWN), {"tripwire": [WIRE]})
     assert "<td>door</td><td>1</td>" in counts._repr_html_() and len(repr(counts)) <= 200
     tracks = positions_table(np.arange(9), np.ones(9, dtype=np.int64), np.zeros((9, 2)))
@@ -168,7 +168,7 @@ def test_totals_per_interval_add_up_also_in_and_out_where_one_way_is_inward(inwa
         assert tuple(sum(part[way] for part in door["intervals"]) for way in ("in", "out")) == found
 
 
-def test_queue_counts_people_waiting_and_not_people_passing() -> None:
+def test_queue_counts_people_waiting_and_not_people_passing():
     passer = way(np.linspace(-1, 5, 31), x=1.0, track_id=1)
     waiter = way([*np.linspace(-1, 2, 16), *np.full(80, 2.0), *np.linspace(2, 5, 16)], x=3.0, track_id=2)
     queue = {"name": "till", "zone": "room", "min_wait_s": 3.0}
@@ -178,7 +178,7 @@ def test_queue_counts_people_waiting_and_not_people_passing() -> None:
     assert till["mean_wait_s"] == pytest.approx(10.0, abs=0.3)
 
 
-def test_lines_in_pixels_use_the_foot_of_the_box_and_its_height_as_a_metre() -> None:
+def test_lines_in_pixels_use_the_foot_of_the_box_and_its_height_as_a_metre():
     rules = parse_rules({"tripwire": [{"name": "w", "from_px": [0, 100], "to_px": [200, 100]}]}, RulePlane(), "r")
 
     def events(bottoms: Sequence[float]) -> list[str]:
@@ -194,7 +194,7 @@ def test_lines_in_pixels_use_the_foot_of_the_box_and_its_height_as_a_metre() -> 
     assert events([130, 80, 60]) == ["right_to_left"]
 
 
-def test_person_who_walks_over_the_line_three_times_is_one_person_per_visit() -> None:
+def test_person_who_walks_over_the_line_three_times_is_one_person_per_visit():
     counter = analytics()
     there_and_back = np.concatenate([DOWN, DOWN[::-1], DOWN])
     later = way(DOWN, start=len(there_and_back) + 60)
@@ -210,22 +210,22 @@ def room(rows: Sequence[Row], queue_s: float = 5.0) -> dict[str, Any]:
     return rules["room"] | {"waited": rules["till"]["waited"]}
 
 
-def test_a_stay_ends_with_the_track_and_nobody_waits_without_rows() -> None:
+def test_a_stay_ends_with_the_track_and_nobody_waits_without_rows():
     found = room([*way(np.full(40, 2.0)), *way(np.full(40, 2.0), start=600)])
     assert (found["stays"], found["people"], found["waited"]) == (2, 2, 0)
     assert found["max_dwell_s"] == pytest.approx(4.0) and found["mean_occupancy"] == pytest.approx(8.0 / 64.0)
 
 
-def test_a_stay_goes_on_while_somebody_is_hidden_for_less() -> None:
+def test_a_stay_goes_on_while_somebody_is_hidden_for_less():
     found = room([*way(np.full(40, 2.0)), *way(np.full(40, 2.0), start=70)])
     assert (found["stays"], found["waited"]) == (1, 1)
 
 
-def test_an_id_that_is_suddenly_elsewhere_crosses_nothing() -> None:
+def test_an_id_that_is_suddenly_elsewhere_crosses_nothing():
     assert crossings([*way(np.full(10, 3.0)), *way(np.full(10, -3.0), start=10)]) == []
 
 
-def test_one_frame_far_away_does_not_end_a_visit() -> None:
+def test_one_frame_far_away_does_not_end_a_visit():
     found = room([*way(np.full(10, 2.0)), (10, 1, 1.0, 9.0, "confirmed"), *way(np.full(10, 2.0), start=11)])
     assert (found["stays"], found["people"]) == (1, 1)
 

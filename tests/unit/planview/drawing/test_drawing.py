@@ -24,7 +24,7 @@ def has(picture: U8, colour: tuple[int, int, int]) -> np.ndarray[tuple[int, ...]
     return np.asarray((picture == as_bgr(colour)).all(axis=2))
 
 
-def test_colours_of_neighbouring_ids_are_far_apart_and_legible_on_white() -> None:
+def test_colours_of_neighbouring_ids_are_far_apart_and_legible_on_white():
     rgb = np.array([person_rgb(i) for i in range(1, 60)], dtype=float)
     assert np.abs(np.diff(rgb, axis=0)).sum(axis=1).min() > 100
     assert (rgb @ (0.299, 0.587, 0.114)).max() < 155
@@ -50,7 +50,7 @@ def test_metre_grid_passes_through_the_pixel_of_its_crossing_and_rules_beyond_th
     assert (ImagePainter(CAMERA, [behind])(GREY, Snapshot(0, 0.0, [])) == 128).all()
 
 
-def test_labels_do_not_cover_one_another() -> None:
+def test_labels_do_not_cover_one_another():
     picture = np.zeros((100, 200, 3), dtype=np.uint8)
     labels = Labels(picture)
     labels.put("11", (50, 60), (255, 0, 0))
@@ -59,7 +59,7 @@ def test_labels_do_not_cover_one_another() -> None:
     assert blue.sum() == pytest.approx(green.sum(), rel=0.3)
 
 
-def test_moment_holds_people_their_trails_and_the_truth_of_one_frame() -> None:
+def test_moment_holds_people_their_trails_and_the_truth_of_one_frame():
     frame, ids = np.array([0, 0, 1, 1, 2]), np.array([1, 2, 1, 2, 1])
     tracks = positions_table(frame, ids, np.arange(10.0).reshape(5, 2), timestamp_s=frame / 10)
     snapshot = snapshot_at(tracks, 1, 5, tracks)
@@ -78,7 +78,7 @@ def test_plan_view_shows_a_person_at_the_place_within_a_margin():
     assert (bounds.x_min_m, bounds.y_max_m) == pytest.approx((-0.6, 3.6))
 
 
-def test_a_line_without_a_head_shows_the_axis_of_somebody_who_may_be_back_to_front() -> None:
+def test_a_line_without_a_head_shows_the_axis_of_somebody_who_may_be_back_to_front():
     person = TrackState(4, "confirmed", 1.0, 5.0, facing_deg=90.0, facing_confidence=0.89)
     line = facing_line(person)
     assert line is not None and line.tolist() == [[1.0, 5.0 - AXIS_M], [1.0, 5.0 + AXIS_M]]
@@ -87,7 +87,7 @@ def test_a_line_without_a_head_shows_the_axis_of_somebody_who_may_be_back_to_fro
     assert seen[70, 100] and seen[130, 100] and not seen[75, 95:99].any()  # no barbs of an arrow
 
 
-def test_arrow_points_from_a_person_to_where_the_chest_does() -> None:
+def test_arrow_points_from_a_person_to_where_the_chest_does():
     person = TrackState(4, "confirmed", 1.0, 5.0, facing_deg=90.0)
     arrow = facing_line(person)
     assert arrow is not None and arrow.tolist() == [[1.0, 5.0], pytest.approx([1.0, 5.0 + ARROW_M])]
@@ -99,14 +99,14 @@ def test_arrow_points_from_a_person_to_where_the_chest_does() -> None:
     assert seen[at[1], at[0]]
 
 
-def test_rules_of_counts_keep_their_plane_and_kind() -> None:
+def test_rules_of_counts_keep_their_plane_and_kind():
     counts = {"gate": {"kind": "tripwire", "plane": "floor", "points": [[0, 0], [1, 0]]}, "q": {"kind": "queue"}}
     (rule,) = rules_of(counts)
     assert (rule.name, rule.is_line, rule.on_floor) == ("gate", True, True)
 
 
 @pytest.mark.parametrize("points", [[[0, 1e308], [1, 1]], [[0, 1], [2]], "x", [[0, "a"]]])
-def test_points_that_no_rule_has_are_refused(points: object) -> None:
+def test_points_that_no_rule_has_are_refused(points):
     with pytest.raises(InputError, match=r"counts\.json: expected points of rule 'a'"):
         rules_of({"a": {"kind": "zone", "plane": "floor", "points": points}})
 
@@ -120,7 +120,7 @@ def test_legend_lies_below_the_picture_and_goes_on_in_another_strip():
     assert with_legend(picture, [Entry((9, 9, 9), "a long meaning")] * 3).shape[0] == 50 + 3 * STRIP_PX
 
 
-def test_colour_bar_goes_from_the_low_to_the_high_end() -> None:
+def test_colour_bar_goes_from_the_low_to_the_high_end():
     shown = with_colour_bar(np.zeros((50, 400, 3), dtype=np.uint8), cv2.COLORMAP_TURBO, "far", "near")
     bar = shown[50 + 12].astype(int)
     blue, red = np.argmax(bar[:, 0] - bar[:, 2]), np.argmax(bar[60:320, 2] - bar[60:320, 0]) + 60

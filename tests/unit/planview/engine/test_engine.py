@@ -28,7 +28,7 @@ from stereo.measure import refuse_foreign_disparity
 from stereo.recording import Decoded, DepthCamera, FrameClock, Recording, Shot
 
 
-def test_a_file_and_overrides_which_beat_it_change_what_they_name_and_nothing_else(tmp_path: Path) -> None:
+def test_a_file_and_overrides_which_beat_it_change_what_they_name_and_nothing_else(tmp_path):
     file = tmp_path / "c.toml"
     file.write_text("seed = 3\n[maps]\ncell_m = 0.05\n")
     expected = Config().model_copy(update={"seed": 3, "maps": Config().maps.model_copy(update={"cell_m": 0.05})})
@@ -41,7 +41,7 @@ def test_a_file_and_overrides_which_beat_it_change_what_they_name_and_nothing_el
     assert Config.model_validate_json(config.model_dump_json()) == config
 
 
-def test_keys_with_dots_are_those_of_tables() -> None:
+def test_keys_with_dots_are_those_of_tables():
     nested = config_of({"foreground": {"beta": 4.0, "luma_noise": 3.0}, "single_camera": {"foreground": {"beta": 5.0}}})
     dotted = {"foreground.beta": 4.0, "foreground": {"luma_noise": 3.0}, "single_camera.foreground.beta": 5.0}
     assert config_of(dotted) == nested
@@ -69,7 +69,7 @@ def test_keys_with_dots_are_those_of_tables() -> None:
         ("=1", "=1"),
     ],
 )
-def test_unknown_names_and_bad_values_are_refused_by_name(override: str, named: str) -> None:
+def test_unknown_names_and_bad_values_are_refused_by_name(override, named):
     with pytest.raises(InputError) as refused:
         load_config(None, [override])
     assert named in str(refused.value) and "\n" not in str(refused.value)
@@ -91,7 +91,7 @@ def test_a_file_that_is_no_configuration_is_refused_by_name(tmp_path, content, f
         load_config(tmp_path / "c.toml")
 
 
-def test_every_parameter_says_what_it_means() -> None:
+def test_every_parameter_says_what_it_means():
     parameters = [(name, each) for name, table in tables_of(Config) for each in described(table)]
     assert len(parameters) > 50 and [(name, p.name) for name, p in parameters if not p.meaning] == []
 
@@ -145,7 +145,7 @@ def decoded(shot: Shot) -> Generator[tuple[Decoded, ...], None, None]:
     yield tuple(Decoded(0, 0.0, image) for image in shot)
 
 
-def test_a_floor_that_the_camera_does_not_see_is_refused_by_name() -> None:
+def test_a_floor_that_the_camera_does_not_see_is_refused_by_name():
     upwards = SE3(np.eye(3), np.array([0.0, 0.0, 3.0]))
     width, height = CAMERA.size
     shot = np.zeros((height, width), np.uint8), np.ones((height, width), np.float32)
@@ -181,7 +181,7 @@ def test_box_of_a_person_spans_sensor_to_feet(pose, person, expected):
     assert BODY_RADIUS_M == 0.25 and box(pose, *person) == pytest.approx(expected)
 
 
-def test_somebody_out_of_view_or_of_unknown_height_or_place_has_no_box() -> None:
+def test_somebody_out_of_view_or_of_unknown_height_or_place_has_no_box():
     for x_m, y_m in ((0.0, -5.0), (40.0, 5.0)):
         assert all(math.isnan(side) for side in box(LEVEL, x_m, y_m, 1.8))
     for place in ((math.nan, math.nan, math.nan), (0.0, 4.0, math.nan)):
@@ -217,7 +217,7 @@ def test_body_of_a_track_that_has_walked_is_protected_and_widened_where_feedback
     assert Feedback(FeedbackParams(enabled=False)).update([], seen(point(0, 1, 2))) is None
 
 
-def test_a_track_that_is_given_an_id_has_walked_as_far_as_before() -> None:
+def test_a_track_that_is_given_an_id_has_walked_as_far_as_before():
     feedback = Feedback(FeedbackParams(spread_px=0))
     mask_after(feedback, point(0.0, 1.0, 20), person(0.0, "tentative", -3))
     confirmed = Decision(1, "confirmed", "was -3", was=-3)

@@ -1,6 +1,5 @@
 """What a truth covers: rows of tracks outside of it are not judged."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -37,7 +36,7 @@ TRACKS = walkers()
     ],
     ids=["beginning", "end", "half", "strip", "keyframes of each", "every fifth frame"],
 )
-def test_what_a_truth_does_not_cover_is_not_judged(keep: Callable[[Trajectories], np.ndarray], said: str) -> None:
+def test_what_a_truth_does_not_cover_is_not_judged(keep, said):
     truth = TRACKS.where(keep(TRACKS))
     result = evaluate_tracks(TRACKS, truth)
     assert result.mota == 1.0
@@ -45,7 +44,7 @@ def test_what_a_truth_does_not_cover_is_not_judged(keep: Callable[[Trajectories]
     assert said in result.doubts
 
 
-def test_a_truth_of_everything_judges_everything() -> None:
+def test_a_truth_of_everything_judges_everything():
     result = evaluate_tracks(TRACKS, TRACKS)
     assert (result.judged_share, result.doubts) == (1.0, "")
 
@@ -57,31 +56,31 @@ def with_false(rows: np.ndarray, x_m: float) -> Evaluation:
     return evaluate_tracks(concatenate([TRACKS, false]), TRACKS)
 
 
-def test_a_false_track_beside_the_truth_counts_as_false() -> None:
+def test_a_false_track_beside_the_truth_counts_as_false():
     result = with_false(np.arange(100), 8.0)
     assert result.clear.false_positives == 100 and result.unjudged_rows == 0
 
 
-def test_a_track_that_stays_a_moment_after_its_person_left_counts_as_false() -> None:
+def test_a_track_that_stays_a_moment_after_its_person_left_counts_as_false():
     truth = TRACKS.where((TRACKS.track_id > 1) | (TRACKS.frame < 200))
     tracks = TRACKS.where((TRACKS.track_id > 1) | (TRACKS.frame < 220))
     assert evaluate_tracks(tracks, truth).clear.false_positives == 20
 
 
-def test_a_truth_of_some_people_is_asked_about_and_the_others_count_as_false() -> None:
+def test_a_truth_of_some_people_is_asked_about_and_the_others_count_as_false():
     result = evaluate_tracks(TRACKS, TRACKS.where(TRACKS.track_id == 2))
     assert result.clear.false_positives == 2 * FRAMES
     assert "2 of 3 tracks walk where the truth has nobody" in result.doubts
     assert "Without them MOTA is 1.000" in result.doubts
 
 
-def test_a_score_that_nothing_explains_says_so() -> None:
+def test_a_score_that_nothing_explains_says_so():
     order = np.random.default_rng(0).permutation(len(TRACKS))
     truth = replace(TRACKS, x_m=TRACKS.x_m[order] * 2.0, y_m=TRACKS.y_m[order[::-1]])
     assert "tried explains it" in evaluate_tracks(TRACKS, truth).doubts
 
 
-def test_people_who_are_missing_say_nothing_about_the_unit_of_heights() -> None:
+def test_people_who_are_missing_say_nothing_about_the_unit_of_heights():
     child = replace(TRACKS, height_m=np.where(TRACKS.track_id == 1, 1.7, 0.9))
     result = evaluate_tracks(TRACKS.where(TRACKS.track_id == 1), child)
     assert result.height_ratio == 1.0 and "height" not in result.doubts

@@ -358,7 +358,7 @@ def two_walkers() -> Trajectories:
     return positions_table(frame, walker, xy)
 
 
-def test_alignment_finds_the_motion_from_paths_with_noise_and_other_ids() -> None:
+def test_alignment_finds_the_motion_from_paths_with_noise_and_other_ids():
     truth = move_tracks(two_walkers(), MOTION)
     noisy = two_walkers()
     rng = np.random.default_rng(1)
@@ -370,7 +370,7 @@ def test_alignment_finds_the_motion_from_paths_with_noise_and_other_ids() -> Non
     assert alignment.rms_m < 0.1 and np.isfinite(laid.x_m).all()
 
 
-def test_alignment_starts_from_boxes_where_both_have_them() -> None:
+def test_alignment_starts_from_boxes_where_both_have_them():
     plain = two_walkers()
     xy = np.column_stack([plain.x_m, plain.y_m])
     box = np.column_stack([100 * plain.x_m, 100 * plain.y_m + 300, np.full(80, 40.0), np.full(80, 80.0)])
@@ -380,7 +380,7 @@ def test_alignment_starts_from_boxes_where_both_have_them() -> None:
     assert (alignment.x_m, alignment.y_m) == pytest.approx((3.0, -2.0))
 
 
-def test_alignment_needs_people_who_move() -> None:
+def test_alignment_needs_people_who_move():
     still = positions_table(np.arange(20), np.ones(20, dtype=np.int64), np.zeros((20, 2)))
     with pytest.raises(WorkError, match="tracks that move"):
         align_tracks(still, still, 0.5)

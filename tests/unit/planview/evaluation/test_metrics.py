@@ -197,7 +197,7 @@ CASES: dict[str, tuple[list[PersonHistory], list[tuple[str, int]]]] = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_errors_of_people(name: str) -> None:
+def test_errors_of_people(name):
     people, expected = CASES[name]
     assert kinds(people) == expected
 
@@ -244,14 +244,14 @@ def test_note_of_an_error_says_what_happened(parts, expected):
     assert error.note != STRETCH or error.duration_s == pytest.approx(1.2)
 
 
-def test_strict_count_takes_a_new_id_after_coming_back_and_both_sides_of_a_swap() -> None:
+def test_strict_count_takes_a_new_id_after_coming_back_and_both_sides_of_a_swap():
     back = PersonHistory(1, np.concatenate([np.arange(30), 200 + np.arange(30)]), np.repeat([5, 6], 30))
     swap = [person(1, (5, 30), (6, 30)), person(2, (6, 31), (5, 29))]
     flicker = person(1, (5, 30), (6, 4), (5, 30))
     assert [strict_identity_changes(p, FRAME_S) for p in ([back], swap, [flicker])] == [1, 2, 0]
 
 
-def test_id_that_passes_on_counts_once_and_not_when_its_person_comes_back() -> None:
+def test_id_that_passes_on_counts_once_and_not_when_its_person_comes_back():
     passed = [person(1, (5, 30)), person(2, (5, 30), start=35)]
     assert strict_identity_changes(passed, FRAME_S) == 1
     back = person(1, (5, 30), start=100)
@@ -293,7 +293,7 @@ def test_prediction_off_its_person_for_over_a_second_is_a_false_track_and_now_an
     assert of_predictions(predicted(40, slice(None, None, 2))) == []
 
 
-def test_track_is_false_once_for_confirmed_and_predicted_rows() -> None:
+def test_track_is_false_once_for_confirmed_and_predicted_rows():
     stray = TrackHistory(5, np.arange(20), np.ones(20, dtype=bool))
     assert [error.frame for error in of_predictions(predicted(20, slice(0, 20)), tracks=[stray])] == [0]
     assert len(of_predictions(predicted(20, slice(0, 20), track_id=6), tracks=[stray])) == 2
@@ -312,7 +312,7 @@ def test_errors_of_one_person_or_track_within_two_seconds_are_one_event_and_othe
     assert len(grouped_events([error(10, 1, None), error(10, None, 1), error(10, None, None)], 20)) == 3
 
 
-def test_upper_bound_of_a_poisson_count() -> None:
+def test_upper_bound_of_a_poisson_count():
     # P(0; m) = exp(-m) = 5 % at m = ln 20; P(0 or 1; m) = (1 + m) exp(-m) = 5 % at 4.744.
     assert poisson_upper(0) == pytest.approx(np.log(20))
     assert poisson_upper(1) == pytest.approx(4.744, abs=1e-3)

@@ -71,12 +71,12 @@ def named_by(truth: Trajectories, tracks: Trajectories, on_floor: bool = True) -
         (lambda t: replace(t, frame=2 * t.frame), "the truth has 2 numbers for each frame"),
     ],
 )
-def test_a_change_of_the_truth_is_named(change: Callable[[Trajectories], Trajectories], named: str) -> None:
+def test_a_change_of_the_truth_is_named(change, named):
     assert named in named_by(change(TRUTH), TRUTH)
 
 
 @pytest.mark.parametrize("degrees", [90, -90, 40, -40, 100])
-def test_a_turn_is_named_with_its_own_sign(degrees: int) -> None:
+def test_a_turn_is_named_with_its_own_sign(degrees):
     assert named_by(laid(TRUTH, np.exp(1j * np.radians(degrees))), TRUTH) == f"the truth is turned by {degrees} degrees"
 
 
@@ -96,12 +96,12 @@ def with_boxes(first: Callable[[F64, F64], F64], size: Callable[[F64, F64], F64]
     ],
     ids=["middle", "foot", "corners"],
 )
-def test_a_form_of_boxes_is_named_in_either_table(changed: Trajectories, form: str) -> None:
+def test_a_form_of_boxes_is_named_in_either_table(changed, form):
     assert named_by(changed, TRUTH, on_floor=False) == f"the truth's boxes are {form}"
     assert named_by(TRUTH, changed, on_floor=False) == f"the tracks' boxes are {form}"
 
 
-def test_nothing_is_named_where_the_score_is_good_or_the_truth_is_of_other_people() -> None:
+def test_nothing_is_named_where_the_score_is_good_or_the_truth_is_of_other_people():
     order = np.random.default_rng(0).permutation(len(TRUTH))
     others = replace(TRUTH, x_m=TRUTH.x_m[order], y_m=TRUTH.y_m[order[::-1]])
     assert misfit(TRUTH, TRUTH, on_floor=True) is misfit(others, TRUTH, on_floor=True) is None
@@ -115,10 +115,10 @@ def test_nothing_is_named_where_the_score_is_good_or_the_truth_is_of_other_peopl
         (lambda t: replace(t, height_m=t.height_m / 2), "0.5 times those of the tracks"),
     ],
 )
-def test_an_evaluation_says_what_would_explain_it(change: Callable[[Trajectories], Trajectories], said: str) -> None:
+def test_an_evaluation_says_what_would_explain_it(change, said):
     assert said in evaluate_tracks(TRUTH, change(TRUTH), frames=(0, FRAMES - 1)).doubts
 
 
-def test_an_evaluation_says_that_all_rows_are_hidden() -> None:
+def test_an_evaluation_says_that_all_rows_are_hidden():
     scores = evaluate_tracks(TRUTH, replace(TRUTH, visible=np.zeros(len(TRUTH))))
     assert f"all {len(TRUTH)} rows hidden" in scores.headline

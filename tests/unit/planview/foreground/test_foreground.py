@@ -292,7 +292,7 @@ def test_depth_that_is_gone_at_once_shows_nothing():
     assert not scene.foreground.shows
 
 
-def test_an_image_without_the_edges_of_the_background_is_not_sharp_for_three_seconds() -> None:
+def test_an_image_without_the_edges_of_the_background_is_not_sharp_for_three_seconds():
     scene = Scene()
     scene.wall = 120.0 + 0.25 * (scene.wall - 120.0)  # so faint that it matches when it is blurred
     scene.watch(4)

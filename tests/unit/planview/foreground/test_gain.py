@@ -30,7 +30,7 @@ def _lumas(seed: int, gain: float, offset: float, outliers: float) -> tuple[np.n
     outliers=st.floats(0, 0.4),
     start=st.floats(0.3, 3),
 )
-def test_gain_kernels_agree_with_numpy(seed: int, gain: float, offset: float, outliers: float, start: float) -> None:
+def test_gain_kernels_agree_with_numpy(seed, gain, offset, outliers, start):
     model, luma = _lumas(seed, gain, offset, outliers)
     information = kernels.information_of(luma, TOLERANCE)
     most = float(information.max())
@@ -49,7 +49,7 @@ def test_gain_kernels_agree_with_numpy(seed: int, gain: float, offset: float, ou
 
 
 @pytest.mark.parametrize(("gain", "offset"), [(1.0, 0.0), (0.6, 20.0), (1.8, -40.0), (0.9, -80.0)])
-def test_line_is_found_from_nowhere_with_forty_percent_outliers(gain: float, offset: float) -> None:
+def test_line_is_found_from_nowhere_with_forty_percent_outliers(gain, offset):
     model, luma = _lumas(3, gain, offset, 0.4)
     found = kernels.consensus_line(model, luma, kernels.information_of(luma, TOLERANCE), 1.0, 0.0, CLIP, TOLERANCE)
     refined = kernels.refine_gain(model, luma, *found, CLIP, TOLERANCE)
@@ -57,7 +57,7 @@ def test_line_is_found_from_nowhere_with_forty_percent_outliers(gain: float, off
     assert refined[0] * levels + refined[1] == pytest.approx(gain * levels + offset, abs=3)
 
 
-def test_scale_is_found_on_an_image_that_is_nearly_all_clipped() -> None:
+def test_scale_is_found_on_an_image_that_is_nearly_all_clipped():
     rng = np.random.default_rng(0)
     model = rng.uniform(100, 200, 2000).astype(np.float32)
     luma = np.minimum(2.4 * model + rng.normal(0, 2, 2000), 255).astype(np.float32)
@@ -66,7 +66,7 @@ def test_scale_is_found_on_an_image_that_is_nearly_all_clipped() -> None:
     assert kernels.weigh_inliers(model, luma, information, gain, 0.0, CLIP, TOLERANCE, 1)[0] > 1900
 
 
-def test_pixel_tells_the_less_the_more_of_the_image_has_its_luma() -> None:
+def test_pixel_tells_the_less_the_more_of_the_image_has_its_luma():
     luma = np.array([100.0] * 90 + [200.0] * 10, np.float32)
     by_chance = np.array([0.9 * 0.9, 0.9 * 0.1]) + 0.1 * 25 / 256
     assert kernels.information_of(luma, TOLERANCE)[[0, -1]] == pytest.approx(-np.log(by_chance), rel=1e-5)
@@ -95,7 +95,7 @@ def test_gain_is_followed_and_where_it_is_far_away_the_model_moves_to_it():
     assert foreground._exposure.gain == pytest.approx(1.0, abs=0.05)
 
 
-def test_plain_shirt_over_most_or_all_of_the_image_is_no_gain() -> None:
+def test_plain_shirt_over_most_or_all_of_the_image_is_no_gain():
     """A line almost without slope would fit, and the model in that exposure would have forgotten the scene."""
     shirt = 1.1 * WALL
     shirt[:, 28:] = 105

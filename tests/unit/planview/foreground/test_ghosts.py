@@ -82,7 +82,7 @@ def test_person_there_at_the_start_leaves_no_ghost_even_if_a_tracker_protects_it
     assert not any(mask[BODY].any() for mask in masks)
 
 
-def test_diagonal_neighbours_are_one_blob_and_others_two() -> None:
+def test_diagonal_neighbours_are_one_blob_and_others_two():
     mask = np.array([[7, 0, 0, 0, 9], [0, 7, 0, 0, 9], [0, 0, 0, 0, 0]], np.uint8)
     blobs = find_blobs(mask)
     assert blobs.labels.tolist() == [[1, 0, 0, 0, 2], [0, 1, 0, 0, 2], [0, 0, 0, 0, 0]]
@@ -91,7 +91,7 @@ def test_diagonal_neighbours_are_one_blob_and_others_two() -> None:
 
 
 @pytest.mark.parametrize("value", [0, 255])
-def test_label_0_is_the_background_where_there_are_no_blobs_or_nothing_else(value: int) -> None:
+def test_label_0_is_the_background_where_there_are_no_blobs_or_nothing_else(value):
     blobs = find_blobs(np.full((4, 6), value, np.uint8))
     assert blobs.area_px.tolist() == ([24] if value == 0 else [0, 24])
     assert (blobs.labels == (value > 0)).all()

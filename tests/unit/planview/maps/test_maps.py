@@ -42,7 +42,7 @@ def maps_of(depth_m, rows=np.s_[20:28], columns=np.s_[28:36], step=1, **params):
     return ViewBuilder(GEOMETRY, OVERHEAD, exact, step)(disparity[::step, ::step], mask[::step, ::step])
 
 
-def test_a_template_is_the_maps_around_a_place_and_zero_outside_the_grid() -> None:
+def test_a_template_is_the_maps_around_a_place_and_zero_outside_the_grid():
     maps = maps_of(2.0)
     height, occupancy = maps.around(0.0, 0.0)
     assert height.shape == occupancy.shape == (21, 21)
@@ -51,7 +51,7 @@ def test_a_template_is_the_maps_around_a_place_and_zero_outside_the_grid() -> No
 
 
 @pytest.mark.parametrize(("depth_m", "step"), [(1.0, 1), (2.0, 1), (2.0, 2)])
-def test_table_below_an_overhead_camera_has_its_height_and_its_area_at_any_distance(depth_m, step) -> None:
+def test_table_below_an_overhead_camera_has_its_height_and_its_area_at_any_distance(depth_m, step):
     maps = maps_of(depth_m, np.s_[10:30], np.s_[20:40], step)
     assert maps.height_raw.max() == pytest.approx(3.0 - depth_m, abs=1e-5)
     # 20 x 20 pixels, each depth / 50 wide.
@@ -59,7 +59,7 @@ def test_table_below_an_overhead_camera_has_its_height_and_its_area_at_any_dista
 
 
 @pytest.mark.parametrize("step", [1, 2, 3])
-def test_points_for_a_cloud_are_the_points_that_are_tracked(step) -> None:
+def test_points_for_a_cloud_are_the_points_that_are_tracked(step):
     builder, tilted = ViewBuilder(GEOMETRY, OVERHEAD, reduction=step), np.linspace(1.8, 4.0, 64 * 48, dtype=np.float32)
     disparity = tilted.reshape(48, 64)[: builder.shape[0], : builder.shape[1]]
     seen = builder.points(disparity, np.full(builder.shape, 255, np.uint8))
@@ -72,7 +72,7 @@ def test_maps_skip_background_and_what_has_no_depth_is_above_h_max_or_on_the_gro
     assert maps_of(0.4).height_raw.max() == maps_of(2.95).height_raw.max() == 0.0
 
 
-def test_height_is_masked_where_occupancy_is_low() -> None:
+def test_height_is_masked_where_occupancy_is_low():
     lone = maps_of(2.0, np.s_[20:21], np.s_[30:31], smoothing_m=0.04, occupancy_min=2.0)
     assert lone.height_raw.max() > 0.9 and lone.height.max() == 0.0
 
@@ -86,7 +86,7 @@ def test_images_of_another_size_and_halls_too_large_are_refused():
         Grid.covering(0.0, 0.0, 1000.0, 1000.0, 0.03)
 
 
-def test_grid_cell_owns_its_lower_edge() -> None:
+def test_grid_cell_owns_its_lower_edge():
     grid = Grid.covering(0.0, 0.0, 1.0, 0.5, 0.1)
     assert grid.shape == (5, 10) and grid.centre_of(0, 0) == pytest.approx((0.05, 0.05))
     assert grid.index_of(0.05, 0.05) == pytest.approx((0.0, 0.0))
@@ -96,7 +96,7 @@ def test_grid_cell_owns_its_lower_edge() -> None:
 
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_map_kernels_equal_their_reference(seed: int) -> None:
+def test_map_kernels_equal_their_reference(seed):
     rng = np.random.default_rng(seed)
     disparity = rng.uniform(-1, 30, (12, 16)).astype(np.float32)
     disparity[rng.random((12, 16)) < 0.2] = np.nan
@@ -147,7 +147,7 @@ def test_surface_of_a_body_is_what_the_best_sensor_sees(sensors, area_m2):
     assert occupancy.sum() == pytest.approx(area_m2, rel=0.01)
 
 
-def test_maps_do_not_depend_on_the_order_of_the_sensors() -> None:
+def test_maps_do_not_depend_on_the_order_of_the_sensors():
     sensors = side(0.0, -0.12), side(0.0, 0.12, 0.25), side(1.0, 1.0)
     one, other = joined(*sensors), joined(*sensors[::-1])
     np.testing.assert_array_equal(one.height_raw, other.height_raw)
@@ -175,7 +175,7 @@ def track(path: Path) -> int:
     return sum(1 for _ in open_engine(path))
 
 
-def test_frames_are_read_as_they_were_written(maps: Path) -> None:
+def test_frames_are_read_as_they_were_written(maps):
     recording = MapsRecording(maps)
     first, second, *_ = frames = list(recording)
     assert [f.index for f in frames][5:9] == [5, 6, 8, 9] and recording.n_frames == track(maps) == 39
@@ -185,7 +185,7 @@ def test_frames_are_read_as_they_were_written(maps: Path) -> None:
     assert points.background is not None and second.shots[0].background is None
 
 
-def test_a_frame_that_shows_nothing_is_replayed_as_one(maps: Path, tmp_path: Path) -> None:
+def test_a_frame_that_shows_nothing_is_replayed_as_one(maps, tmp_path):
     recording, path = MapsRecording(maps), tmp_path / "with.h5"
     frame, every = next(iter(recording)), np.arange(np.prod(recording.sensor.rig.shape), dtype=np.int32)
     writer = MapsWriter(path, recording.sensor, 15.0)
@@ -196,7 +196,7 @@ def test_a_frame_that_shows_nothing_is_replayed_as_one(maps: Path, tmp_path: Pat
     assert before.views[0].shows and not nothing.views[0].shows
 
 
-def test_writing_stops_before_the_disk_is_full_and_keeps_earlier_frames(maps: Path, tmp_path, monkeypatch) -> None:
+def test_writing_stops_before_the_disk_is_full_and_keeps_earlier_frames(maps, tmp_path, monkeypatch):
     recording, path = MapsRecording(maps), tmp_path / "less.h5"
     room = iter([200 << 20] * 2 + [10 << 20] * 2)
     monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=next(room)))
@@ -212,7 +212,7 @@ def test_writing_stops_before_the_disk_is_full_and_keeps_earlier_frames(maps: Pa
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -1e9, 1e9, "text", [1.0, 2.0]])
 @pytest.mark.parametrize(("group", "name"), FIELDS)
-def test_number_that_no_rig_has_is_refused_by_its_name(maps: Path, group: str, name: str, value: object) -> None:
+def test_number_that_no_rig_has_is_refused_by_its_name(maps, group, name, value):
     with h5py.File(maps, "r+") as file:
         (file[group] if group else file).attrs[name] = value
     with pytest.raises(InputError, match=r"maps\.h5: expected plan-view maps.*, found ") as refused:
@@ -280,7 +280,7 @@ UP[2, 3] = 2.5
         (lambda file: file["rig"].attrs.update(width=80.5), "width of 80.5"),
     ],
 )
-def test_table_that_no_run_wrote_is_refused(maps: Path, damage: Callable[[Any], None], named: str) -> None:
+def test_table_that_no_run_wrote_is_refused(maps, damage, named):
     with h5py.File(maps, "r+") as file:
         damage(file)
     with pytest.raises(InputError, match=rf"maps\.h5: .*{named}"):
@@ -288,7 +288,7 @@ def test_table_that_no_run_wrote_is_refused(maps: Path, damage: Callable[[Any], 
 
 
 @pytest.mark.parametrize("size", [0, 2**64 - 16, 2**62])
-def test_strings_that_the_library_would_read_without_end_are_refused(maps: Path, size: int) -> None:
+def test_strings_that_the_library_would_read_without_end_are_refused(maps, size):
     data = bytearray(maps.read_bytes())
     first = data.index(b"GCOL") + 16
     data[first : first + 16] = struct.pack("<H6xQ", int(size > 0), size)
@@ -305,7 +305,7 @@ def codes_of(colour: tuple[int, int, int], gain: float = 1.0) -> int:
     return int(colour_codes(image, np.zeros(1, np.int32), Exposure(gain))[0])
 
 
-def test_colour_codes_of_grey_lie_in_the_middle_of_chroma_whatever_the_exposure() -> None:
+def test_colour_codes_of_grey_lie_in_the_middle_of_chroma_whatever_the_exposure():
     # Luma 100 is in the fourth of eight cells; U and V are in the third of five.
     assert codes_of((100, 100, 100)) == (3 * 5 + 2) * 5 + 2
     both = colour_codes(np.array([[10, 200]], np.uint8), np.array([0, 1], np.int32), Exposure())
@@ -317,7 +317,7 @@ def test_colour_codes_of_grey_lie_in_the_middle_of_chroma_whatever_the_exposure(
 
 
 @pytest.mark.parametrize("channels", [1, 3])
-def test_colour_kernel_equals_its_reference(channels: int) -> None:
+def test_colour_kernel_equals_its_reference(channels):
     rng = np.random.default_rng(channels)
     image = rng.integers(0, 256, (300, channels)).astype(np.uint8)
     pixels = rng.permutation(300)[:200].astype(np.int32)

@@ -37,7 +37,7 @@ def kinds(result: Refined) -> list[tuple[str, int, int, int]]:
     return [(c.kind, c.track_id, c.first_frame, c.last_frame) for c in result.changes if c.kind != "smooth"]
 
 
-def test_rows_states_and_tracks_that_were_never_confirmed_stay_as_they_are() -> None:
+def test_rows_states_and_tracks_that_were_never_confirmed_stay_as_they_are():
     walked = with_state(with_state(walk(range(5, 30)), "tentative", 5, 8), "lost", 15, 19)
     ghost = with_state(walk(range(5, 9), track_id=2, y_m=3.0), "tentative", 5, 8)
     tracks = concatenate([walked.where((walked.frame < 22) | (walked.frame > 24)), ghost])
@@ -58,14 +58,14 @@ def test_predictions_within_a_track_lie_on_its_path_and_are_kept_after_the_last_
     assert result.tracks.state[25:].tolist() == ["lost"] * 5
 
 
-def test_smoothing_reduces_noise_and_keeps_a_straight_walk() -> None:
+def test_smoothing_reduces_noise_and_keeps_a_straight_walk():
     straight = walk(range(100))
     noisy = replace(straight, y_m=np.random.default_rng(0).normal(0, 0.05, 100))
     np.testing.assert_allclose(refine(straight).tracks.x_m, straight.x_m, atol=0.02)
     assert np.std(refine(noisy).tracks.y_m) < 0.6 * np.std(noisy.y_m)
 
 
-def test_nobody_is_smoothed_across_the_end_of_a_track() -> None:
+def test_nobody_is_smoothed_across_the_end_of_a_track():
     elsewhere = replace(walk(range(30, 60)), y_m=np.full(30, 9.0))
     result = refine(concatenate([walk(range(30)), elsewhere])).tracks
     np.testing.assert_allclose(result.y_m, np.repeat([0.0, 9.0], 30), atol=1e-6)
@@ -95,7 +95,7 @@ def test_fragment_that_does_not_fit_is_another_person(later):
     assert np.unique(refine(concatenate([walk(range(30), 4), later])).tracks.track_id).tolist() == [4, 9]
 
 
-def test_each_fragment_is_continued_by_the_one_that_fits_over_the_whole_recording() -> None:
+def test_each_fragment_is_continued_by_the_one_that_fits_over_the_whole_recording():
     # Both starts are as near to the end of 2; that of 1 is nearer to 4, which therefore 2 must leave alone.
     ends = [walk(range(30), i, y_m, speed_mps=0.0) for i, y_m in ((1, 0.0), (2, 0.3))]
     starts = [walk(range(32, 62), i, y_m, speed_mps=0.0) for i, y_m in ((3, 0.4), (4, 0.2))]
@@ -119,7 +119,7 @@ _pieces = st.lists(
 
 @settings(max_examples=40, deadline=None)
 @given(_pieces)
-def test_refinement_adds_no_row_and_keeps_ids_unique(pieces: list[tuple[int, int, float, float, int]]) -> None:
+def test_refinement_adds_no_row_and_keeps_ids_unique(pieces):
     tables = [
         with_state(walk(range(a, a + n), i, y, v), "tentative", a, a + tentative - 1)
         for i, (a, n, y, v, tentative) in enumerate(pieces, start=1)
@@ -198,7 +198,7 @@ def test_gaps_are_joined_within_time_and_distance_in_chains_by_the_nearest():
     assert frames_of(edited(parts, ["join-gaps 1 1"])) == {1: (0, 19), 2: (12, 19)}
 
 
-def test_gaps_are_joined_between_people_and_not_with_a_flicker_that_ended_near_before() -> None:
+def test_gaps_are_joined_between_people_and_not_with_a_flicker_that_ended_near_before():
     flicker = with_state(tracks((-7, range(5), 0.0)), "tentative", 0, 4)
     parts = concatenate([flicker, tracks((4, range(7, 20), 0.0), (5, range(22, 30), 0.0))])
     assert frames_of(edited(parts, ["join-gaps 1 1"])) == {-7: (0, 4), 4: (7, 29)}
@@ -209,6 +209,6 @@ def test_gaps_are_joined_between_people_and_not_with_a_flicker_that_ended_near_b
 @pytest.mark.parametrize(
     "line", ["", "fly 1", "join 1", "join 1 two", "split 1", "shorter", "shorter -1", "delete 1 2", "region x"]
 )
-def test_what_is_no_edit_is_refused_with_how_it_is_written(line: str) -> None:
+def test_what_is_no_edit_is_refused_with_how_it_is_written(line):
     with pytest.raises(InputError, match="expected"):
         edited(TWO, [line])

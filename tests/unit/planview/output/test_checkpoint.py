@@ -23,7 +23,7 @@ IDENTITY: dict[str, Any] = {"version": {}} | known_identity(RunInfo(config={"see
 
 
 @pytest.mark.parametrize("array", [np.arange(6.0).reshape(2, 3), np.arange(6.0).reshape(2, 3).T])
-def test_an_array_comes_back_with_its_layout(tmp_path: Path, array: np.ndarray) -> None:
+def test_an_array_comes_back_with_its_layout(tmp_path, array):
     write_checkpoint(tmp_path, Checkpoint(IDENTITY, {}, {"one": [array], "other": {"array": 0}}))
     state = read_checkpoint(tmp_path / CHECKPOINT).state
     np.testing.assert_array_equal(state["one"][0], array, strict=True)
@@ -38,14 +38,14 @@ def frame_in(checkpoint: Checkpoint | None) -> int:
     return int(checkpoint.state["frame"])
 
 
-def test_a_checkpoint_replaces_the_one_before(tmp_path: Path) -> None:
+def test_a_checkpoint_replaces_the_one_before(tmp_path):
     for frame in (1, 2, 3):
         write(tmp_path, frame)
     assert frame_in(read_checkpoint(tmp_path / CHECKPOINT)) == 3 and len(list(tmp_path.iterdir())) == 1
 
 
 @pytest.mark.parametrize("damage", ["cut", "flip", "empty", "rewritten"])
-def test_a_damaged_checkpoint_is_not_resumed_from(tmp_path: Path, damage: str) -> None:
+def test_a_damaged_checkpoint_is_not_resumed_from(tmp_path, damage):
     write(tmp_path, 1)
     data = bytearray((tmp_path / CHECKPOINT).read_bytes())
     middle = len(data) // 2

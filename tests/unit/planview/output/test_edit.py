@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli import Cli, JsonOf
 from toy_tracks import positions_table
 
 from planview.output.finished import read_steps
@@ -26,7 +25,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_edits_are_applied_written_down_and_taken_back(run: Path, cli: Cli) -> None:
+def test_edits_are_applied_written_down_and_taken_back(run, cli):
     before = (run / "tracks.csv").read_bytes()
     assert cli("edit", run, "--split", "1@10", "--delete", "2") == (
         0, f"{run}/tracks.csv: people 2 -> 2, rows 40 -> 20; 1 left to undo\n"
@@ -42,19 +41,19 @@ def test_edits_are_applied_written_down_and_taken_back(run: Path, cli: Cli) -> N
     assert not (run / "tracks_before.csv").exists()
 
 
-def test_an_edit_that_is_refused_changes_nothing(run: Path, cli: Cli) -> None:
+def test_an_edit_that_is_refused_changes_nothing(run, cli):
     before = (run / "tracks.csv").read_bytes()
     status, output = cli("edit", run, "--delete", "2", "--join", "1:9")
     assert (status, output) == (2, "planview: 'join 1 9': no track has the id 9\n")
     assert (run / "tracks.csv").read_bytes() == before and not (run / "edits.json").exists()
 
 
-def test_an_edit_written_in_another_form_is_refused_with_the_form_of_its_option(run: Path, cli: Cli) -> None:
+def test_an_edit_written_in_another_form_is_refused_with_the_form_of_its_option(run, cli):
     assert cli("edit", run, "--join", "1-2") == (2, "planview: --join: expected A:B, found '1-2'\n")
 
 
 @pytest.mark.parametrize("name", ["decisions.csv", "events.csv", "counts.json"])
-def test_what_the_page_cannot_be_made_of_is_refused_before_anything_changes(run: Path, name: str, cli: Cli) -> None:
+def test_what_the_page_cannot_be_made_of_is_refused_before_anything_changes(run, name, cli):
     (run / name).write_text("damaged\n")
     before = {file.name: file.read_bytes() for file in run.iterdir()}
     for command, *words in (["refine"], ["edit", "--delete", "2"], ["edit", "--undo-all"]):
@@ -63,14 +62,14 @@ def test_what_the_page_cannot_be_made_of_is_refused_before_anything_changes(run:
         assert {file.name: file.read_bytes() for file in run.iterdir()} == before
 
 
-def test_edits_of_a_list_are_applied_in_its_order(run: Path, cli: Cli) -> None:
+def test_edits_of_a_list_are_applied_in_its_order(run, cli):
     (run / "mine.txt").write_text("rename 1 5  # the guide\n\nregion POLYGON ((0 0, 9 0, 9 0.95, 0 0.95, 0 0))\n")
     cli("edit", run, "--list", run / "mine.txt")
     tracks = read_tracks(run / "tracks.csv")
     assert (set(tracks.track_id.tolist()), int(tracks.frame.max())) == ({2, 5}, 9)
 
 
-def test_nothing_to_undo_refinement_over_edits_and_unfinished_runs_are_refused(run: Path, cli: Cli) -> None:
+def test_nothing_to_undo_refinement_over_edits_and_unfinished_runs_are_refused(run, cli):
     assert cli("edit", run, "--undo")[0] == 2
     cli("edit", run, "--delete", "2")
     assert "its tracks were edited" in cli("refine", run)[1]
@@ -78,7 +77,7 @@ def test_nothing_to_undo_refinement_over_edits_and_unfinished_runs_are_refused(r
     assert "no finished run in it" in cli("edit", run, "--delete", "1")[1]
 
 
-def test_export_and_count_take_regions(run: Path, cli: Cli, json_of: JsonOf) -> None:
+def test_export_and_count_take_regions(run, cli, json_of):
     half = "POLYGON ((0 0, 1.5 0, 1.5 9, 0 9, 0 0))"
     cli("export", run, "--to", "csv", "--ignore", half, "--out", run / "other.csv")
     assert set(read_tracks(run / "other.csv").track_id.tolist()) == {2}

@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from cli import Cli, JsonOf
 from full_disk import fill_disk_after
 
 from calib.errors import InputError, WorkError
@@ -193,7 +192,7 @@ def test_a_folder_belongs_to_one_call_of_a_process_under_any_name(tmp_path, monk
 @pytest.mark.parametrize(
     "words", [["edit", "--delete", "5"], ["refine"], ["edit", "--undo-all"], ["count", "--rules", "rules.toml"]]
 )
-def test_results_that_another_call_holds_are_not_changed(street: Path, refused, monkeypatch, words) -> None:
+def test_results_that_another_call_holds_are_not_changed(street, refused, monkeypatch, words):
     monkeypatch.chdir(street)
     Path("rules.toml").write_text('[[zone]]\nname = "all"\npolygon_m = [[-20, 0], [20, 0], [20, 20], [-20, 20]]\n')
     with folder_lock(street):
@@ -203,13 +202,13 @@ def test_results_that_another_call_holds_are_not_changed(street: Path, refused, 
         assert {file.name: file.read_bytes() for file in street.iterdir()} == before
 
 
-def test_person_is_confirmed_for_half_a_second(street: Path) -> None:
+def test_person_is_confirmed_for_half_a_second(street):
     run = RunFolder(street)  # at 10 frames per second track 4 is confirmed in 15 frames, track 5 in 3
     assert run.people.tolist() == [4]
     assert people_of(run.tracks, 1 / 6).tolist() == [4, 5], "at 6 frames per second, 3 frames are half a second"
 
 
-def test_all_commands_give_the_same_number_of_people(street: Path, cli: Cli, json_of: JsonOf) -> None:
+def test_all_commands_give_the_same_number_of_people(street, cli, json_of):
     assert "18 rows of 1 people" in cli("export", street, "--to", "csv")[1]
     figures = json_of("edit", street, "--delete", "5")
     assert (figures["people_before"], figures["people"]) == (1, 1)
@@ -219,5 +218,5 @@ def test_all_commands_give_the_same_number_of_people(street: Path, cli: Cli, jso
     assert json_of("count", street, "--rules", street / "rules.toml")["rules"]["all"]["people"] == 1
 
 
-def test_camera_of_a_run_is_the_one_that_made_it(street: Path) -> None:
+def test_camera_of_a_run_is_the_one_that_made_it(street):
     assert RunFolder(street).rule_plane.camera == GroundCamera(160, 120, 120.0, 3.0, math.radians(60.0))

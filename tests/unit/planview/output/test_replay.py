@@ -247,7 +247,7 @@ def test_the_maps_show_every_shape_that_a_tracker_draws_on_the_floor():
     assert {f"plan/{name}" for name in names} <= set(MAP_LAYERS)
 
 
-def test_rerun_shows_an_arrow_where_somebody_surely_faces_and_else_a_line_without_a_head() -> None:
+def test_rerun_shows_an_arrow_where_somebody_surely_faces_and_else_a_line_without_a_head():
     people = [
         TrackState(number, "confirmed", 1.0, 5.0, facing_deg=90.0, facing_confidence=confidence)
         for number, confidence in ((4, 0.95), (5, 0.6), (6, math.nan))

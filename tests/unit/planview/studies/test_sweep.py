@@ -26,7 +26,7 @@ def recording(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("change", ["left/0.png", "rig.toml", "left/1.png"])
-def test_key_changes_with_the_content(change: str, recording: Path) -> None:
+def test_key_changes_with_the_content(change, recording):
     before = content_key(recording)
     (recording / change).write_text("tfel" if change == "left/0.png" else "focal = 2")
     assert content_key(recording) != before
@@ -44,7 +44,7 @@ def test_key_is_that_of_the_content_without_truth_hidden_files_or_results(record
         content_key(tmp_path / "none")
 
 
-def test_key_takes_each_folder_once_where_links_lead_back(recording: Path) -> None:
+def test_key_takes_each_folder_once_where_links_lead_back(recording):
     for n in range(12):
         (recording / f"loop{n}").symlink_to(".")
     before = content_key(recording)
@@ -52,7 +52,7 @@ def test_key_takes_each_folder_once_where_links_lead_back(recording: Path) -> No
     assert content_key(recording) != before
 
 
-def test_key_of_a_large_file_depends_on_its_first_and_last_bytes_and_size(tmp_path: Path) -> None:
+def test_key_of_a_large_file_depends_on_its_first_and_last_bytes_and_size(tmp_path):
     path, size = tmp_path / "left.mp4", 40 * 64 * 1024
     keys = set()
     for place in (None, 0, size - 1, size):
@@ -64,13 +64,13 @@ def test_key_of_a_large_file_depends_on_its_first_and_last_bytes_and_size(tmp_pa
     assert len(keys) == 4
 
 
-def test_companion_files_a_video_are_calibrations_and_times(tmp_path: Path) -> None:
+def test_companion_files_a_video_are_calibrations_and_times(tmp_path):
     for name in ("a.mp4", "b.mp4", "calib.json", "timestamps.csv", "truth.csv", "study.toml"):
         (tmp_path / name).touch()
     assert [file.name for file in companion_files(tmp_path / "a.mp4")] == ["calib.json", "timestamps.csv"]
 
 
-def test_version_changes_with_the_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_version_changes_with_the_code(tmp_path, monkeypatch):
     shutil.copytree(Path(planview.__file__).parent / "checks", tmp_path / "planview" / "checks")
     monkeypatch.setattr(planview, "__file__", str(tmp_path / "planview" / "__init__.py"))
     before = code_version.__wrapped__()
@@ -87,7 +87,7 @@ def result(configuration: Configuration, recording: str, mota: float | None, see
     return JobResult(recording, configuration, seed, figures=figures, error="" if figures else "no floor")
 
 
-def test_means_of_a_configuration_are_those_of_its_finished_runs() -> None:
+def test_means_of_a_configuration_are_those_of_its_finished_runs():
     runs = [result(A, "x", 0.5), result(A, "y", 0.7), result(B, "x", 0.9), result(B, "y", None)]
     means = means_of(runs)
     assert means["runs"].to_dict() == {"a.b=1": 2, "a.b=2": 1}
@@ -95,7 +95,7 @@ def test_means_of_a_configuration_are_those_of_its_finished_runs() -> None:
     assert "idf1" not in means  # which no run has
 
 
-def test_configuration_whose_runs_all_fail_has_no_means() -> None:
+def test_configuration_whose_runs_all_fail_has_no_means():
     assert list(means_of([result(A, "x", None), result(B, "x", 0.5)]).index) == ["a.b=2"]
 
 
@@ -118,7 +118,7 @@ def write(folder: Path, text: str) -> Path:
     return path
 
 
-def test_study_finds_recordings_by_path_pattern_and_table(tmp_path: Path) -> None:
+def test_study_finds_recordings_by_path_pattern_and_table(tmp_path):
     for name in ("hall/a", "hall/b", "other"):
         (tmp_path / name).mkdir(parents=True)
     text = 'recordings = ["hall/*", "other", { path = "x.mp4", camera = "camera.toml", fps = 25 }]\n'
@@ -151,7 +151,7 @@ def test_study_takes_dotted_and_quoted_parameter_names(tmp_path):
         "not toml",
     ],
 )
-def test_study_refuses_what_it_does_not_know_and_names_the_file(text: str, tmp_path: Path) -> None:
+def test_study_refuses_what_it_does_not_know_and_names_the_file(text, tmp_path):
     path = write(tmp_path, text)
     with pytest.raises(InputError) as refused:
         load_study(path)
@@ -171,24 +171,24 @@ def study_of(parameters: dict[str, Any], **others: Any) -> Study:
     ],
     ids=["many seeds", "many runs", "deep key"],
 )
-def test_study_that_is_too_large_is_refused_at_once(text: str, found: str, tmp_path: Path) -> None:
+def test_study_that_is_too_large_is_refused_at_once(text, found, tmp_path):
     path, begin = write(tmp_path, f'recordings = ["a"]\n{text}\n'), time.process_time()
     with pytest.raises(InputError, match=f"expected .* found .*{found}"):
         load_study(path).configurations()
     assert time.process_time() - begin < 2.0
 
 
-def test_study_has_all_combinations_the_last_parameter_fastest() -> None:
+def test_study_has_all_combinations_the_last_parameter_fastest():
     configurations = study_of({"maps.cell_m": [0.03, 0.04], "feedback.enabled": [True, False]}).configurations()
     pairs = [(cell, on) for cell in ("0.03", "0.04") for on in ("true", "false")]
     assert [c.label for c in configurations] == [f"maps.cell_m={cell} feedback.enabled={on}" for cell, on in pairs]
 
 
-def test_study_without_parameters_runs_the_defaults() -> None:
+def test_study_without_parameters_runs_the_defaults():
     assert [c.label for c in study_of({}).configurations()] == ["defaults"]
 
 
-def test_value_that_is_given_twice_runs_once() -> None:
+def test_value_that_is_given_twice_runs_once():
     assert [c.label for c in study_of({"a.b": [1, 1]}).configurations()] == ["a.b=1"]
 
 

@@ -17,12 +17,12 @@ def client(request: pytest.FixtureRequest) -> Iterator[Client]:
         yield client
 
 
-def test_processes_are_limited_to_one_thread_of_numerical_libraries(client: Client) -> None:
+def test_processes_are_limited_to_one_thread_of_numerical_libraries(client):
     (done,) = on_workers(client, os.getenv, {"threads": "OMP_NUM_THREADS"})
     assert done.value == "1"
 
 
-def test_task_that_fails_stops_no_other_and_has_one_sentence(client: Client) -> None:
+def test_task_that_fails_stops_no_other_and_has_one_sentence(client):
     def inverse(number: float) -> float:
         if number < 0:
             raise WorkError("expected a number from 0")
@@ -34,7 +34,7 @@ def test_task_that_fails_stops_no_other_and_has_one_sentence(client: Client) -> 
     assert found["0"].error.startswith("unexpected ZeroDivisionError in inverse, line ")
 
 
-def test_task_that_kills_its_process_fails_and_takes_no_other_with_it(client: Client) -> None:
+def test_task_that_kills_its_process_fails_and_takes_no_other_with_it(client):
     def deadly(how: object) -> object:
         if isinstance(how, signal.Signals):
             os.kill(os.getpid(), how)
@@ -47,13 +47,13 @@ def test_task_that_kills_its_process_fails_and_takes_no_other_with_it(client: Cl
     assert found == [("a", ""), ("b", KILLED), ("c", ""), ("d", KILLED), ("e", KILLED), ("f", "")]
 
 
-def test_cluster_that_is_not_there_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cluster_that_is_not_there_is_refused(monkeypatch):
     monkeypatch.setattr("planview.studies.workers.CONNECT_S", 0.2)
     with pytest.raises(InputError, match="expected a Dask scheduler"), workers(1, "tcp://127.0.0.1:9"):
         pass
 
 
-def test_tasks_fail_when_no_worker_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tasks_fail_when_no_worker_is_left(monkeypatch):
     monkeypatch.setattr("planview.studies.workers.NO_WORKER_S", 0.0)
     with LocalCluster(n_workers=0, processes=False, dashboard_address=None) as cluster, Client(cluster) as client:
         done = list(on_workers(client, abs, {"a": -1, "b": -2}))

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli import JsonOf
 
 from calib.errors import InputError
 from calib.world import load_rigs
@@ -174,7 +173,7 @@ def scene(tmp_path: Path) -> Path:
     return path
 
 
-def test_sensors_record_the_same_person_on_their_own_clocks(scene: Path, tmp_path: Path) -> None:
+def test_sensors_record_the_same_person_on_their_own_clocks(scene, tmp_path):
     write_rigs(load_rig_scenes(scene), tmp_path / "out")
     south, west = load_rigs(tmp_path / "out" / "rigs.toml")
     assert (south.start_s, west.start_s) == (0.0, 0.3)
@@ -186,7 +185,7 @@ def test_sensors_record_the_same_person_on_their_own_clocks(scene: Path, tmp_pat
     np.testing.assert_allclose(in_common, np.column_stack([a.x_m, a.y_m])[3:], atol=2e-4)
 
 
-def test_committed_room_has_two_sensors() -> None:
+def test_committed_room_has_two_sensors():
     sensors = load_rig_scenes(assets.SCENES / "rigs" / "two.toml")
     assert [sensor.mount.name for sensor in sensors] == ["a", "b"]
     assert len(sensors[0].scene.people) >= 2
@@ -197,7 +196,7 @@ def test_sensor_of_several_records_what_a_single_rig_does(scene):
     assert (sensor.renderer().frame(4).left == SceneRenderer(sensor.scene).frame(4).left).all()
 
 
-def test_synth_renders_sensors_but_not_two_of_one_name(scene: Path, tmp_path: Path, json_of: JsonOf) -> None:
+def test_synth_renders_sensors_but_not_two_of_one_name(scene, tmp_path, json_of):
     assert json_of("synth", scene, tmp_path / "out", "--frames", 2, "--jpeg")["frames"] == 4
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["rigs.toml", "south", "west"]
     scene.write_text(scene.read_text().replace("west", "south"))

@@ -77,17 +77,17 @@ def test_the_body_table_is_a_head_over_shoulders_over_legs():
     assert width(1.1) < 0.02
 
 
-def test_things_are_as_wide_to_the_left_as_to_the_right() -> None:
+def test_things_are_as_wide_to_the_left_as_to_the_right():
     for table in thing_tables():
         np.testing.assert_allclose(table.cover[0], table.cover[0, :, ::-1], atol=1e-6)
 
 
-def test_a_flat_thing_is_narrow_from_its_edge() -> None:
+def test_a_flat_thing_is_narrow_from_its_edge():
     flat = thing_tables()[-1]
     ahead, edge = (flat.cover[way, 6].sum() for way in (0, FACINGS // 4))
     assert edge < 0.5 * ahead
 
 
-def test_nothing_is_below_a_carried_thing() -> None:
+def test_nothing_is_below_a_carried_thing():
     level = thing_tables()[-2].cover[0, 6]
     assert level[:, : level.shape[1] // 2].max() < 0.01

@@ -2,7 +2,6 @@
 
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from planview.trajectories.state import TrackState
 from tests.human_model_world import CAMERA
 
 
-def test_correlated_noise_gives_the_matrix_equations() -> None:
+def test_correlated_noise_gives_the_matrix_equations():
     kalman = FloorKalman.from_measurement(np.zeros(2), np.array([[0.04, 0.01], [0.01, 0.09]]), 1.5)
     state, covariance = np.zeros(4), np.diag([0.04, 0.09, 2.25, 2.25])
     covariance[0, 1] = covariance[1, 0] = 0.01
@@ -51,7 +50,7 @@ def test_kalman_learns_a_constant_velocity_and_grows_uncertain_without_measureme
     assert state.predict(0.5, 2.0).position_std_m == pytest.approx(np.hypot(0.05, 2.0 * 0.5**2 / 2))
 
 
-def test_the_place_that_a_search_found_is_that_of_the_posterior() -> None:
+def test_the_place_that_a_search_found_is_that_of_the_posterior():
     noise, start = np.array([[0.05, -0.02], [-0.02, 0.03]]), np.array([[0.04, 0.01], [0.01, 0.02]])
     kalman = FloorKalman.from_measurement(np.array([1.0, 2.0]), start, 1.0).predict(0.1, 2.0)
     measured = kalman.correct(np.array([1.2, 1.9]), noise)
@@ -60,14 +59,14 @@ def test_the_place_that_a_search_found_is_that_of_the_posterior() -> None:
 
 
 @pytest.mark.parametrize("speed_mps", [1.0, 3.0, 5.0])
-def test_a_runner_has_the_own_speed_after_half_a_second(speed_mps) -> None:
+def test_a_runner_has_the_own_speed_after_half_a_second(speed_mps):
     kalman = FloorKalman.at(0.0, 0.0, 0.05)
     for n in range(1, 9):
         kalman = kalman.predict(1 / 15, 2.0).update(n / 15 * speed_mps, 0.0, 0.03)
     assert kalman.vx_mps == pytest.approx(speed_mps, rel=0.1) and kalman.vy_mps == pytest.approx(0.0)
 
 
-def test_ids_are_given_in_order_of_confirmation_and_the_log_says_who_was_whom() -> None:
+def test_ids_are_given_in_order_of_confirmation_and_the_log_says_who_was_whom():
     life = LifeCycle()
     life.begin(0.0)
     first, second, third = (life.spawn("a head") for _ in range(3))
@@ -78,7 +77,7 @@ def test_ids_are_given_in_order_of_confirmation_and_the_log_says_who_was_whom() 
     assert given == [(1, -3, "was -3; tracked"), (2, -1, "was -1; tracked")]
 
 
-def test_whoever_is_recognised_keeps_the_former_id_and_uses_up_none() -> None:
+def test_whoever_is_recognised_keeps_the_former_id_and_uses_up_none():
     life = LifeCycle()
     life.begin(0.0)
     left, back, stranger = (life.spawn("a head") for _ in range(3))
@@ -90,7 +89,7 @@ def test_whoever_is_recognised_keeps_the_former_id_and_uses_up_none() -> None:
     assert [d.reason for d in life.decisions if d.kind == "reacquired"] == ["was -2; the same clothes"]
 
 
-def test_life_cycle_tells_states_and_reasons() -> None:
+def test_life_cycle_tells_states_and_reasons():
     life = LifeCycle()
     life.begin(0.0)
     who = life.spawn("a head")
@@ -121,7 +120,7 @@ def track(frames: list[list[list[float]]]) -> list[tuple[TrackState, ...]]:
     return [tracker.update(Observation(i, i / FPS)) for i in range(len(frames))]
 
 
-def test_boxes_of_a_walker_are_one_person_at_its_place_and_height() -> None:
+def test_boxes_of_a_walker_are_one_person_at_its_place_and_height():
     rows = [confirmed(states) for states in track([[box(-1.5 + 0.1 * i, 6.0)] for i in range(30)])]
     assert len(rows[-1]) == 1 and {state.track_id for row in rows for state in row} == {1}
     last = rows[-1][0]
@@ -131,30 +130,30 @@ def test_boxes_of_a_walker_are_one_person_at_its_place_and_height() -> None:
     assert last.box_px == pytest.approx(tuple(box(1.4, 6.0)[:4]), abs=1e-9)
 
 
-def test_people_who_cross_keep_their_ids() -> None:
+def test_people_who_cross_keep_their_ids():
     frames = [[box(-1.5 + 0.1 * i, 6.0), box(1.5 - 0.1 * i, 7.0)] for i in range(30)]
     states = track(frames)
     early, late = ({s.track_id: s.y_m for s in confirmed(states[i])} for i in (12, 29))
     assert early.keys() == late.keys() == {1, 2} and all(abs(early[i] - late[i]) < 0.4 for i in early)
 
 
-def test_false_boxes_that_come_once_are_nobody() -> None:
+def test_false_boxes_that_come_once_are_nobody():
     rng = np.random.default_rng(0)
     frames = [[box(rng.uniform(-2, 2), rng.uniform(4, 9))] if i % 4 == 0 else [] for i in range(40)]
     assert not any(confirmed(states) for states in track(frames))
 
 
-def test_two_boxes_on_one_person_are_one() -> None:
+def test_two_boxes_on_one_person_are_one():
     left, *rest = box(0.0, 6.0)
     assert len(track([[[left, *rest], [left + 1.5, *rest]]] * 20)[-1]) == 1
 
 
-def test_a_person_without_boxes_is_lost_and_then_forgotten() -> None:
+def test_a_person_without_boxes_is_lost_and_then_forgotten():
     states = track([[box(0.0, 6.0)] for _ in range(20)] + [[] for _ in range(60)])
     assert [s.state for s in states[22]] == ["lost"] and states[-1] == ()
 
 
-def test_a_person_hidden_behind_another_is_kept() -> None:
+def test_a_person_hidden_behind_another_is_kept():
     both = [[box(0.0, 5.0), box(0.9 - 0.03 * i, 6.0)] for i in range(28)]
     states = track(both + [[box(0.0, 5.0)]] * 25)  # two and a half seconds behind the one in front
     assert {s.track_id for s in states[-1]} == {1, 2}
@@ -171,7 +170,7 @@ def test_boxes_of_another_shape_are_refused():
         Detections.of([np.zeros((0, 4)), np.zeros((2, 3))])
 
 
-def test_boxes_of_a_detector_are_read_from_motchallenge_and_coco(tmp_path: Path) -> None:
+def test_boxes_of_a_detector_are_read_from_motchallenge_and_coco(tmp_path):
     (tmp_path / "det.txt").write_text("2,-1,10,20,30,60,0.9,-1,-1,-1\n1,-1,11,21,31,61,0.5\n")
     entries = [
         {"image_id": 2, "category_id": 1, "bbox": [10, 20, 30, 60], "score": 0.9},
@@ -199,7 +198,7 @@ def test_boxes_of_a_detector_are_read_from_motchallenge_and_coco(tmp_path: Path)
         ("a.json", "{}", "found an object"),
     ],
 )
-def test_a_bad_file_is_refused_with_the_place(tmp_path: Path, name: str, text: str, expected: str) -> None:
+def test_a_bad_file_is_refused_with_the_place(tmp_path, name, text, expected):
     (tmp_path / name).write_text(text)
     with pytest.raises(InputError) as error:
         load_detections(tmp_path / name)

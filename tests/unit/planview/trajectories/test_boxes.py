@@ -1,7 +1,6 @@
 """Rows of boxes: MOTChallenge, PETS, VisDrone, and what detectors found."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -28,22 +27,22 @@ def file_of(tmp_path: Path, *ends: str) -> Path:
     return table_file(tmp_path, "".join(f"1,{k + 1},{BOX},{end}\n" for k, end in enumerate(ends)))
 
 
-def test_pets_rows_hold_boxes_with_metres(tmp_path: Path) -> None:
+def test_pets_rows_hold_boxes_with_metres(tmp_path):
     truth = load_truth(table_file(tmp_path, "2,5,10,20,30,40,1,1.5,-2.5,0\n1,5,11,20,30,40,1,1.4,-2.5,0\n"))
     assert truth.frame.tolist() == [0, 1] and truth.box_px[1].tolist() == [10, 20, 30, 40]
     assert (truth.x_m[1], truth.y_m[1]) == (1.5, -2.5)
 
 
-def test_pets_rows_without_metres_have_no_place(tmp_path: Path) -> None:
+def test_pets_rows_without_metres_have_no_place(tmp_path):
     assert np.isnan(load_truth(table_file(tmp_path, "1,5,11,20,30,40,1\n")).x_m).all()
 
 
-def test_pets_rows_of_minus_one_have_no_place(tmp_path: Path) -> None:
+def test_pets_rows_of_minus_one_have_no_place(tmp_path):
     unknown = load_truth(table_file(tmp_path, "1,1,10,20,30,40,1,-1,-1,-1\n1,2,50,20,30,40,1,-1,-1,0\n"))
     assert np.isnan(unknown.x_m).tolist() == [True, False]
 
 
-def test_motchallenge_truth_has_visibility_instead_of_metres(tmp_path: Path) -> None:
+def test_motchallenge_truth_has_visibility_instead_of_metres(tmp_path):
     truth = load_truth(table_file(tmp_path, MOT16_TRUTH))
     assert (truth.frame.tolist(), truth.track_id.tolist()) == ([0, 0, 1], [1, 4, 1])
     assert truth.visible.tolist() == [0.9, IGNORED, 0.25] and np.isnan(truth.x_m).all()
@@ -52,41 +51,41 @@ def test_motchallenge_truth_has_visibility_instead_of_metres(tmp_path: Path) -> 
 UNSURE = "1,1,10,20,30,40,1,2.5,3.5,0\n1,2,50,20,30,40,0,4.5,5.5,0\n"
 
 
-def test_truth_with_confidence_zero_is_left_out(tmp_path: Path) -> None:
+def test_truth_with_confidence_zero_is_left_out(tmp_path):
     assert load_truth(table_file(tmp_path, UNSURE)).track_id.tolist() == [1]
 
 
-def test_results_with_confidence_zero_are_kept(tmp_path: Path) -> None:
+def test_results_with_confidence_zero_are_kept(tmp_path):
     assert load_tracks(table_file(tmp_path, UNSURE)).track_id.tolist() == [1, 2]
 
 
 @pytest.mark.parametrize("columns", ["1,2,0.5,0", "1,2.5,0.5", "0.5,2,0.5", "1,2,-0.5"])
-def test_rows_that_are_not_flag_class_visibility_are_metres(tmp_path: Path, columns: str) -> None:
+def test_rows_that_are_not_flag_class_visibility_are_metres(tmp_path, columns):
     truth = load_truth(table_file(tmp_path, f"1,1,10,20,30,40,{columns}\n"))
     assert [truth.x_m[0], truth.y_m[0]] == [float(value) for value in columns.split(",")[1:3]]
 
 
-def test_frames_from_0_are_kept_with_a_note(tmp_path: Path) -> None:
+def test_frames_from_0_are_kept_with_a_note(tmp_path):
     path = table_file(tmp_path, "0,7,10,20,30,60\n1,7,11,20,30,60\n")
     file, found = load_file(path), load_detections(path)
     assert file.table.frame.tolist() == [0, 1] and "from 0" in file.note
     assert (found.at(0)[0, 0], found.at(1)[0, 0]) == (10, 11) and "frames count from 0" in found.note
 
 
-def test_boxes_outside_of_the_image_are_refused() -> None:
+def test_boxes_outside_of_the_image_are_refused():
     boxes = Detections.of([[[1200.0, 800.0, 150.0, 250.0]]])
     assert boxes.within((1920, 1080)) is boxes
     with pytest.raises(InputError, match="inside images of 400x400, found 1 of 1 outside"):
         boxes.within((400, 400))
 
 
-def test_rows_of_a_detector_may_be_shorter_than_others(tmp_path: Path) -> None:
+def test_rows_of_a_detector_may_be_shorter_than_others(tmp_path):
     found = load_detections(table_file(tmp_path, "1 7 10 20 30 60\n2,7,10,20,30,60,0.5\n"))
     assert [found.at(frame).tolist() for frame in (0, 1)] == [[[10, 20, 30, 60, 1.0]], [[10, 20, 30, 60, 0.5]]]
 
 
 @pytest.mark.parametrize(("text", "rows"), [("", 0), ("1,7,10,20,30,60,1,0,1.0\n", 1)], ids=["empty", "with classes"])
-def test_results_of_motchallenge_without_metres_have_none(tmp_path: Path, text: str, rows: int) -> None:
+def test_results_of_motchallenge_without_metres_have_none(tmp_path, text, rows):
     table = load_tracks(table_file(tmp_path, text))
     assert len(table) == rows and np.isnan(table.x_m).all()
 
@@ -104,40 +103,38 @@ def test_results_of_motchallenge_without_metres_have_none(tmp_path: Path, text: 
         (["90", "80"], [1, 2]),  # percent
     ],
 )
-def test_results_keep_people_alone_and_name_other_classes(tmp_path: Path, ends: list[str], kept: list[int]) -> None:
+def test_results_keep_people_alone_and_name_other_classes(tmp_path, ends, kept):
     path = file_of(tmp_path, *ends)
     file, found = load_file(path), load_detections(path)
     assert file.table.track_id.tolist() == kept and len(found.at(0)) == len(kept)
     assert ("left out" in file.note) == ("left out" in found.note) == (len(kept) < len(ends))
 
 
-def test_results_without_a_class_of_people_are_refused(tmp_path: Path) -> None:
+def test_results_without_a_class_of_people_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"rows of people \(class 1 in column 8\), found class 2, 7"):
         load_tracks(file_of(tmp_path, "0.9,2,-1", "0.8,7,-1"))
 
 
-def test_truth_of_visdrone_has_pedestrians_and_people_and_how_much_of_them_shows(tmp_path: Path) -> None:
+def test_truth_of_visdrone_has_pedestrians_and_people_and_how_much_of_them_shows(tmp_path):
     truth = load_truth(file_of(tmp_path, "1,1,0,0", "1,2,0,1", "1,4,0,0", "0,0,0,0", "1,1,1,2"))
     assert truth.track_id.tolist() == [1, 2, 5] and truth.visible.tolist() == [1.0, 0.75, 0.25]
     assert np.isnan(truth.x_m).all()
 
 
-def test_classes_of_truth_are_those_that_labels_name(tmp_path: Path) -> None:
+def test_classes_of_truth_are_those_that_labels_name(tmp_path):
     path = file_of(tmp_path, "1,1,1.0", "1,2,1.0")
     (tmp_path / "labels.txt").write_text("car\nPerson\n")
     assert load_truth(path).track_id.tolist() == [2]
     assert "class 2 in column 8 is people; class 1 is left out" in load_file(path, truth=True).note
 
 
-def test_rows_with_inf_or_nan_are_left_out_and_counted(tmp_path: Path) -> None:
+def test_rows_with_inf_or_nan_are_left_out_and_counted(tmp_path):
     path = table_file(tmp_path, f"1,1,{BOX},1\n1,2,nan,20,30,60,1\n2,1,10,inf,30,60,1\n")
     assert len(load_tracks(path)) == len(load_detections(path).at(0)) == 1
     assert load_file(path).note == load_detections(path).note == "2 of 3 rows hold inf or NaN and are left out"
 
 
-def test_commands_that_read_a_file_print_what_was_left_out_of_it(
-    tmp_path: Path, cli: Callable[..., tuple[int, str]]
-) -> None:
+def test_commands_that_read_a_file_print_what_was_left_out_of_it(tmp_path, cli):
     path = table_file(tmp_path, f"1,1,{BOX},1,0.5,2\n2,1,{BOX},1,0.6,2\n3,1,nan,20,30,60,1,0.7,2\n")
     rules = tmp_path / "rules.toml"
     rules.write_text('[[tripwire]]\nname = "a"\nfrom_m = [0.55, 0]\nto_m = [0.55, 3]\n')
@@ -158,37 +155,37 @@ def test_commands_that_read_a_file_print_what_was_left_out_of_it(
         "1;7;10,5;20;30;60;0,5\n",
     ],
 )
-def test_boxes_are_read_with_a_line_of_names_in_any_order_and_with_decimal_commas(tmp_path: Path, text: str) -> None:
+def test_boxes_are_read_with_a_line_of_names_in_any_order_and_with_decimal_commas(tmp_path, text):
     table = load_tracks(table_file(tmp_path, text))
     assert table.frame.tolist() == [0] and table.track_id.tolist() == [7]
     assert table.box_px.tolist() == [[10.5, 20.0, 30.0, 60.0]]
 
 
-def test_boxes_without_ids_are_no_tracks(tmp_path: Path) -> None:
+def test_boxes_without_ids_are_no_tracks(tmp_path):
     with pytest.raises(InputError, match="found -1 in all: detections, not tracks"):
         load_tracks(table_file(tmp_path, f"1,-1,{BOX},1\n1,-1,{BOX},1\n"))
 
 
-def test_boxes_of_minus_one_are_unknown(tmp_path: Path) -> None:
+def test_boxes_of_minus_one_are_unknown(tmp_path):
     table = load_tracks(table_file(tmp_path, "1,1,-1,-1,-1,-1,1,1.5,2.02,0\n"))
     assert np.isnan(table.box_px).all() and (table.x_m[0], table.y_m[0]) == (1.5, 2.02)
 
 
-def test_categories_that_count_from_0_have_people_there(tmp_path: Path) -> None:
+def test_categories_that_count_from_0_have_people_there(tmp_path):
     rows = [{"image_id": 1, "category_id": k, "bbox": [k, 2, 3, 6]} for k in (0, 1)]
     (tmp_path / "a.json").write_text(json.dumps(rows))
     found = load_detections(tmp_path / "a.json")
     assert found.at(0)[:, 0].tolist() == [0.0] and "class 0 in category_id is people; class 1" in found.note
 
 
-def test_frames_that_a_detector_left_out_show_nothing() -> None:
+def test_frames_that_a_detector_left_out_show_nothing():
     boxes = [[[10.0, 20.0, 30.0, 60.0]] if k % 3 == 0 else [] for k in range(10)]
     found = Detections.of(boxes)
     assert [found.looked(k) for k in range(4)] == [True, False, False, True] and "every 3rd frame" in found.note
     assert Detections.of(boxes[:1] * 4).looked(9)
 
 
-def test_detections_that_end_early_are_doubted() -> None:
+def test_detections_that_end_early_are_doubted():
     found = Detections.of([[[10.0, 20.0, 30.0, 60.0]]] * 100)
     assert "end at frame 100 of 300: are they of every 3rd frame?" in found.of_frames(300).note
     assert found.of_frames(260).note == "boxes end at frame 100 of 260"

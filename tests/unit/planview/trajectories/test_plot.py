@@ -1,11 +1,9 @@
 """Plots of trajectories: what is drawn where, and the files of ``planview plot``."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from cli import ShownBy
 from matplotlib.figure import Figure
 from toy_tracks import positions_table
 
@@ -34,20 +32,20 @@ def axes() -> object:
     return Figure().subplots()
 
 
-def test_path_of_a_person_is_a_line_of_its_positions_with_equal_axes() -> None:
+def test_path_of_a_person_is_a_line_of_its_positions_with_equal_axes():
     drawn = plot_paths(walkers(), axes())
     line = drawn.get_lines()[0]
     assert line.get_xydata()[-1] == pytest.approx([0.5, 0.05 * 59]) and line.get_label() == "1"
     assert drawn.get_aspect() == 1.0 and (drawn.get_xlabel(), drawn.get_ylabel()) == ("x [m]", "y [m]")
 
 
-def test_missing_frames_are_a_gap_in_the_path() -> None:
+def test_missing_frames_are_a_gap_in_the_path():
     table = walkers()
     drawn = plot_paths(table.where((table.frame < 20) | (table.frame > 40)), axes())
     assert np.isnan(drawn.get_lines()[0].get_ydata()).sum() == 1
 
 
-def test_the_path_of_an_id_that_is_suddenly_elsewhere_has_a_gap() -> None:
+def test_the_path_of_an_id_that_is_suddenly_elsewhere_has_a_gap():
     table = walkers()
     table.x_m[table.frame >= 30] += 30.0
     drawn = plot_paths(table, axes())
@@ -55,72 +53,72 @@ def test_the_path_of_an_id_that_is_suddenly_elsewhere_has_a_gap() -> None:
     assert max(np.nanmax(line.get_ydata()) for line in plot_speed(table, axes()).get_lines()) < 2.0
 
 
-def test_who_is_confirmed_for_too_short_is_nobody_in_any_plot() -> None:
+def test_who_is_confirmed_for_too_short_is_nobody_in_any_plot():
     both = walkers(people=2)
     table = both.where((both.track_id == 1) | (both.frame < 5))
     assert plot_paths(table, axes()).get_legend_handles_labels()[1] == ["1"]
     assert max(plot_counts(table, axes()).get_lines()[0].get_ydata()) == 1
 
 
-def test_legend_names_twenty_people_and_counts_the_others() -> None:
+def test_legend_names_twenty_people_and_counts_the_others():
     labels = plot_paths(walkers(people=23), axes()).get_legend_handles_labels()[1]
     assert len(labels) == NAMED_MAX + 1 and labels[-1] == "3 more"
 
 
-def test_speed_without_velocities_is_that_of_the_positions() -> None:
+def test_speed_without_velocities_is_that_of_the_positions():
     line = plot_speed(walkers(), axes()).get_lines()[0]
     assert np.asarray(line.get_ydata()) == pytest.approx(1.5)
 
 
-def test_speed_by_a_clock_of_whole_seconds_is_the_mean_over_them() -> None:
+def test_speed_by_a_clock_of_whole_seconds_is_the_mean_over_them():
     table = walkers(frames=120)
     table.timestamp_s[:] = np.floor(table.timestamp_s)
     line = plot_speed(table, axes()).get_lines()[0]
     assert np.asarray(line.get_ydata()) == pytest.approx(1.5)
 
 
-def test_speeds_drawn_after_slower_ones_are_not_cut_off() -> None:
+def test_speeds_drawn_after_slower_ones_are_not_cut_off():
     both = axes()
     plot_speed(walkers(), both)
     plot_speed(replace(walkers(), y_m=3 * walkers().y_m), both)
     assert both.get_ylim()[0] == 0 and 4.5 < both.get_ylim()[1] < 5.5
 
 
-def test_counts_are_people_in_every_frame() -> None:
+def test_counts_are_people_in_every_frame():
     table = walkers(people=2)
     line = plot_counts(table.where((table.track_id == 1) | (table.frame < 30)), axes()).get_lines()[0]
     assert list(line.get_ydata())[:31:30] == [2, 1] and list(line.get_ydata())[-1] == 0
 
 
-def test_density_of_a_person_who_is_always_there_adds_up_to_one() -> None:
+def test_density_of_a_person_who_is_always_there_adds_up_to_one():
     mesh = plot_density(walkers(people=2), axes()).collections[0]
     assert np.ma.getdata(mesh.get_array()).sum() * DENSITY_CELL_M**2 == pytest.approx(2.0, abs=0.02)
 
 
-def test_flow_is_density_times_velocity_the_way_people_walk() -> None:
+def test_flow_is_density_times_velocity_the_way_people_walk():
     arrows = plot_flow(walkers(frames=100), axes()).collections[0]
     # A person is in one of ten cells for a tenth of the time: 0.1 / 0.25 m² x 1.5 m/s.
     assert arrows.get_array().max() == pytest.approx(0.6, rel=0.15)
     assert pytest.approx(0.0, abs=1e-9) == arrows.U and (arrows.V > 0.99).all()
 
 
-def test_density_of_several_runs_is_refused() -> None:
+def test_density_of_several_runs_is_refused():
     with pytest.raises(InputError, match="density of several runs"):
         figure_of([NamedTracks("a", walkers()), NamedTracks("b", walkers())], panels=["density"])
 
 
-def test_frames_without_rows_have_the_times_between_their_neighbours_and_beyond() -> None:
+def test_frames_without_rows_have_the_times_between_their_neighbours_and_beyond():
     table = walkers()
     clock = Clock(table.where(table.frame % 10 == 0))
     assert clock.at(np.array([5, 65])) == pytest.approx([5 / 30, 65 / 30])
 
 
-def test_runs_are_told_apart_by_colour() -> None:
+def test_runs_are_told_apart_by_colour():
     figure = figure_of([NamedTracks("near", walkers()), NamedTracks("far", walkers(2))])
     assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == ["near", "far"]
 
 
-def test_runs_in_metres_are_not_plotted_with_runs_in_pixels() -> None:
+def test_runs_in_metres_are_not_plotted_with_runs_in_pixels():
     none = np.full((5, 2), np.nan)
     boxes = positions_table(np.arange(5), np.ones(5, int), none + 0.0, box_px=np.ones((5, 4)))
     with pytest.raises(InputError, match="some of the runs are in metres and some in pixels"):
@@ -128,9 +126,7 @@ def test_runs_in_metres_are_not_plotted_with_runs_in_pixels() -> None:
 
 
 @pytest.mark.parametrize(("name", "begins"), [("p.png", b"\x89PNG"), ("p.svg", b"<?xml")])
-def test_command_writes_a_picture_of_the_kind_that_its_name_asks_for(
-    tmp_path: Path, shown_by: ShownBy, name: str, begins: bytes
-) -> None:
+def test_command_writes_a_picture_of_the_kind_that_its_name_asks_for(tmp_path, shown_by, name, begins):
     with (tmp_path / "tracks.csv").open("w") as file:
         write_table(file, walkers())
     shown_by("plot", tmp_path, "--out", tmp_path / name)

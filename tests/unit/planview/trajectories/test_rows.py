@@ -1,7 +1,5 @@
 """Rows of text whose columns a line names, or none."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from toy_recordings import table_file
@@ -14,13 +12,13 @@ from planview.trajectories.formats import (
 )
 
 
-def test_laboratory_rows_become_metres_and_seconds(tmp_path: Path) -> None:
+def test_laboratory_rows_become_metres_and_seconds(tmp_path):
     tracks = load_tracks(table_file(tmp_path, "3 32 100 -50 175\n"))
     assert (tracks.track_id[0], tracks.frame[0], tracks.timestamp_s[0]) == (3, 32, 2.0)
     assert (tracks.x_m[0], tracks.y_m[0], tracks.height_m[0]) == (1.0, -0.5, 1.75)
 
 
-def test_our_own_truth_is_recognised_by_its_header(tmp_path: Path) -> None:
+def test_our_own_truth_is_recognised_by_its_header(tmp_path):
     assert load_truth(table_file(tmp_path, "frame,id,x_m,y_m,height_m\n0,1,2,3,1.8\n")).height_m[0] == 1.8
 
 
@@ -43,19 +41,19 @@ def test_petrack_text_in_centimetres_is_read_in_metres(tmp_path):
         "frame;time [ms];agent_id;x;y;x_world_m;y_world_m;z_m\n30;2000;7;640;480;1.5;2.5;1.75\n",
     ],
 )
-def test_columns_are_those_that_a_line_names_in_any_order_and_unit(tmp_path: Path, text: str) -> None:
+def test_columns_are_those_that_a_line_names_in_any_order_and_unit(tmp_path, text):
     table = load_tracks(table_file(tmp_path, text))
     assert (table.frame[0], table.track_id[0], table.timestamp_s[0]) == (30, 7, 2.0)
     assert (table.x_m[0], table.y_m[0], table.height_m[0]) == pytest.approx((1.5, 2.5, 1.75))
 
 
-def test_height_without_a_unit_has_that_of_x(tmp_path: Path) -> None:
+def test_height_without_a_unit_has_that_of_x(tmp_path):
     table = load_tracks(table_file(tmp_path, "# id frame x/cm y/cm z\n7 30 150 250 175\n"))
     assert (table.x_m[0], table.height_m[0]) == (1.5, 1.75)
 
 
 @pytest.mark.parametrize("text", ["# id frame x y\n7 30 1.5 2.5\n", "frame,id,x,y\n30,7,1.5,2.5\n"])
-def test_positions_without_a_unit_are_refused(tmp_path: Path, text: str) -> None:
+def test_positions_without_a_unit_are_refused(tmp_path, text):
     with pytest.raises(InputError, match=r"expected the unit of x and y in their names or a comment \(x/m or x/cm\)"):
         load_tracks(table_file(tmp_path, text))
 
@@ -68,7 +66,7 @@ def test_positions_without_a_unit_are_refused(tmp_path: Path, text: str) -> None
         (1.0, True, "taken as frame id x y, metres"),
     ],
 )
-def test_rows_without_names_are_taken_as_paths_that_are_smooth_and_say_so(tmp_path, unit, exchanged, taken) -> None:
+def test_rows_without_names_are_taken_as_paths_that_are_smooth_and_say_so(tmp_path, unit, exchanged, taken):
     rows = [(person, frame, 3.0 * person + 0.1 * frame, 2.0) for person in (1, 2) for frame in range(8)]
     lines = [f"{a} {b} {x / unit:.1f} {y / unit:.1f}\n" for a, b, x, y in rows]
     lines = [" ".join([b, a, *more]) + "\n" for a, b, *more in map(str.split, lines)] if exchanged else lines
@@ -90,7 +88,7 @@ VADERE = "#IDXCOL=2,DATACOL=2\npedestrianId simTime endTime-PID1 startX-PID1 sta
     ],
     ids=["vadere", "pathfinder", "crowdit", "viswalk"],
 )
-def test_tables_of_simulations_are_read(tmp_path: Path, text: str) -> None:
+def test_tables_of_simulations_are_read(tmp_path, text):
     file = load_file(table_file(tmp_path, text))
     assert file.fps == pytest.approx(2.5) and file.table.frame.tolist() == [0, 1, 1]
     assert (file.table.track_id.tolist(), file.table.x_m.tolist()) == ([1, 1, 2], [1.0, 1.5, 7.0])
@@ -98,24 +96,24 @@ def test_tables_of_simulations_are_read(tmp_path: Path, text: str) -> None:
 
 @pytest.mark.parametrize("between", ["\t", ";"])
 @pytest.mark.parametrize("names", ["frame id x_m y_m height_m visible", "Frame Ped_ID X[m] Y[m] Height[m] Visibility"])
-def test_tables_of_spreadsheets_are_read_with_all_they_hold(tmp_path: Path, between: str, names: str) -> None:
+def test_tables_of_spreadsheets_are_read_with_all_they_hold(tmp_path, between, names):
     text = f"{names}\n3 7 1,5 2,5 1,75 0,5\n".replace(" ", between)
     table = load_file(table_file(tmp_path, text), truth=True).table
     row = table.frame, table.track_id, table.x_m, table.y_m, table.height_m, table.visible
     assert [column.tolist() for column in row] == [[3], [7], [1.5], [2.5], [1.75], [0.5]]
 
 
-def test_heights_and_visibility_of_a_table_with_times_for_frames_are_kept(tmp_path: Path) -> None:
+def test_heights_and_visibility_of_a_table_with_times_for_frames_are_kept(tmp_path):
     table = load_file(table_file(tmp_path, "id,t_s,x,y,z,visible\n1,0,0,0,1.7,1\n1,.1,1,0,1.7,0.5\n")).table
     assert (table.height_m.tolist(), table.visible.tolist()) == ([1.7, 1.7], [1.0, 0.5])
 
 
-def test_times_of_a_clock_begin_at_the_first(tmp_path: Path) -> None:
+def test_times_of_a_clock_begin_at_the_first(tmp_path):
     file = load_file(table_file(tmp_path, "id,time,x,y\n1,1700000000.0,0,0\n1,1700000000.1,1,0\n"))
     assert file.table.frame.tolist() == [0, 1] and file.note == "times begin at 1700000000 s: frame 0 is then"
 
 
-def test_footsteps_of_vadere_are_interpolated_to_even_times(tmp_path: Path) -> None:
+def test_footsteps_of_vadere_are_interpolated_to_even_times(tmp_path):
     file = load_file(table_file(tmp_path, VADERE + "1 0.0 0.6 0 0\n1 0.63 1 0.63 0\n1 1.0 1.5 1.0 0\n"))
     assert file.fps == 10.0 and "interpolated to 10 frames per second" in file.note
     np.testing.assert_allclose(file.table.x_m, np.arange(11) / 10)
@@ -129,5 +127,5 @@ def test_footsteps_of_vadere_are_interpolated_to_even_times(tmp_path: Path) -> N
         "id,time [us],x,y\n1,0,0,0\n1,100000,1,0\n",
     ],
 )
-def test_rows_by_time_have_their_rate_in_whatever_way_times_are_written(tmp_path: Path, text: str) -> None:
+def test_rows_by_time_have_their_rate_in_whatever_way_times_are_written(tmp_path, text):
     assert load_file(table_file(tmp_path, text)).fps == pytest.approx(10.0, rel=1e-4)

@@ -41,19 +41,19 @@ from planview.trajectories.table import (
 )
 
 
-def test_nothing_collected_is_an_empty_table() -> None:
+def test_nothing_collected_is_an_empty_table():
     empty = TrajectoryCollector().trajectories()
     assert len(empty) == 0
     assert (empty.box_px.shape, empty.velocity_mps.shape, empty.x_m.shape) == ((0, 4), (0, 2), (0,))
 
 
-def test_a_table_iterates_over_its_rows() -> None:
+def test_a_table_iterates_over_its_rows():
     table = positions_table(np.array([3, 4]), np.array([7, 7]), np.array([[1.0, 2.0], [1.5, 2.0]]))
     assert [(row.frame, row.id, row.x_m) for row in table] == [(3, 7, 1.0), (4, 7, 1.5)]
     assert len([*table]) == len(table)
 
 
-def test_collected_tracks_are_those_of_a_round_trip_through_the_file(tmp_path: Path) -> None:
+def test_collected_tracks_are_those_of_a_round_trip_through_the_file(tmp_path):
     first = TrackState(9, "lost", 1 / 3, -0.00001, 0.25, 2 / 3, 1.71234, (10.05, -0.5, 20.25, 31.96), -90.0)
     second = TrackState(7, "tentative", 1.00005, 2.0)
     path, collector = tmp_path / "tracks.csv", TrajectoryCollector()
@@ -70,7 +70,7 @@ def test_collected_tracks_are_those_of_a_round_trip_through_the_file(tmp_path: P
     assert (read.x_m[0], read.y_m[0]) == (1.0001, 2.0) and np.isnan(read.height_m[0]) and np.isnan(read.box_px[0]).all()
 
 
-def test_jupedsim_is_given_where_a_person_surely_faces_and_else_where_it_walks(tmp_path: Path) -> None:
+def test_jupedsim_is_given_where_a_person_surely_faces_and_else_where_it_walks(tmp_path):
     columns = {"frame": [0, 1], "id": [1, 1], "x_m": [0, 1], "y_m": [0, 0], "vx_mps": [2, 2], "vy_mps": [0, 0]}
     table = table_of(columns | {"facing_deg": [90.0, 90.0], "facing_confidence": [0.9, 0.8]}, "here")
     FORMATS["jupedsim"].write(tmp_path / "tracks.sqlite", TrajectoryFile(table, 10.0, ""))
@@ -90,7 +90,7 @@ def test_jupedsim_is_given_where_a_person_surely_faces_and_else_where_it_walks(t
         ("frame,id,x_m,y_m,height_m\n0,1,2,3,1\n4,5\n", "expected 5 cells in line 3, found fewer"),
     ],
 )
-def test_bad_truth_is_refused_in_one_sentence(tmp_path: Path, text: str, message: str) -> None:
+def test_bad_truth_is_refused_in_one_sentence(tmp_path, text, message):
     path = tmp_path / "truth.csv"
     path.write_text(text)
     with pytest.raises(InputError, match=message):
@@ -110,7 +110,7 @@ def test_frame_period_is_the_median_over_gaps_the_mean_of_repeated_times_or_the_
     assert frame_period_s(timed([0, 1, 2, 3], [0.0, 0.0, 0.0, 0.3]), 1 / 30) == pytest.approx(0.1)
 
 
-def test_exponents_blanks_quoted_cells_carriage_returns_and_a_byte_order_mark_are_read(tmp_path: Path) -> None:
+def test_exponents_blanks_quoted_cells_carriage_returns_and_a_byte_order_mark_are_read(tmp_path):
     path = table_file(
         tmp_path, "frame,id,x_m,y_m,height_m\n0,1,1e3,2,\n0,2, 1.5 ,2,\n1,1,0.12345678901234567,2,\n1,2,,2,\n"
     )
@@ -126,7 +126,7 @@ def test_exponents_blanks_quoted_cells_carriage_returns_and_a_byte_order_mark_ar
         b"frame,id\n0,1\n", b"1,1,0,0,2,2\n1,1,3,3,2,2\n", b"1.5,1,0,0,2,2\n", b"\xff\xfe\x00\x01",
     ],
 )  # fmt: skip
-def test_anything_else_is_refused_with_the_name_of_the_file(tmp_path: Path, content: bytes) -> None:
+def test_anything_else_is_refused_with_the_name_of_the_file(tmp_path, content):
     (tmp_path / "odd.txt").write_bytes(content)
     with pytest.raises(InputError, match=r"odd\.txt: expected"):
         load_truth(tmp_path / "odd.txt")
@@ -194,7 +194,7 @@ def timed_tracks(times_s: Sequence[float]) -> Trajectories:
     return positions_table(frames, np.ones(len(frames)), np.zeros((len(frames), 2)), timestamp_s=np.array(times_s))
 
 
-def test_times_of_a_table_that_begin_again_run_on(tmp_path: Path) -> None:
+def test_times_of_a_table_that_begin_again_run_on(tmp_path):
     with (tmp_path / "tracks.csv").open("w") as file:
         write_table(file, timed_tracks([0.0, 0.1, 0.2, 0.0, 0.1]))
     with pytest.warns(UserWarning, match="times begin again at frame 3"):
@@ -202,7 +202,7 @@ def test_times_of_a_table_that_begin_again_run_on(tmp_path: Path) -> None:
     assert found.timestamp_s == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
 
 
-def test_format_without_times_says_how_far_off_they_are() -> None:
+def test_format_without_times_says_how_far_off_they_are():
     uneven = TrajectoryFile(timed_tracks([0.0, 0.1, 0.2, 0.3, 1.0, 1.1]))
     with pytest.warns(UserWarning, match=r"jupedsim holds no times but a rate: .* up to 0.6 s off"):
         prepare_export(uneven, "jupedsim")
@@ -273,12 +273,12 @@ def test_damaged_trajectories_are_refused_in_one_sentence(make, tmp_path):
     assert str(refused.value).startswith(str(path)) and "\n" not in str(refused.value)
 
 
-def test_a_polygon_too_long_for_a_file_name_is_a_region() -> None:
+def test_a_polygon_too_long_for_a_file_name_is_a_region():
     corners = [f"{k / 10:.3f} {y:.3f}" for y, ks in ((0, range(20)), (1, range(20, 0, -1))) for k in ks]
     assert region_of(f"POLYGON (({', '.join(corners)}))", "region=").wkt.startswith("POLYGON ((0.000 0.000")
 
 
-def test_rate_and_image_size_of_a_sequence_are_those_of_its_seqinfo(tmp_path: Path) -> None:
+def test_rate_and_image_size_of_a_sequence_are_those_of_its_seqinfo(tmp_path):
     (tmp_path / "gt").mkdir()
     (tmp_path / "seqinfo.ini").write_text("[Sequence]\nframeRate=10\nimWidth=640\nimHeight=480\n")
     truth = tmp_path / "gt/gt.txt"
@@ -303,17 +303,17 @@ def walking(unit: float = 1.0, people: int = 2, frames: int = 40, heights: float
         (two_walkers(0), ""),
     ],
 )
-def test_people_of_impossible_size_speed_or_number_are_doubted(table: Trajectories, odd: str) -> None:
+def test_people_of_impossible_size_speed_or_number_are_doubted(table, odd):
     assert doubt(table).startswith(odd) and bool(doubt(table)) == bool(odd)
 
 
-def test_doubts_are_said_when_a_table_is_read(tmp_path: Path) -> None:
+def test_doubts_are_said_when_a_table_is_read(tmp_path):
     write_file(tmp_path / "x.txt", TrajectoryFile(walking(100.0), 15.0), "pedpy")
     with pytest.warns(UserWarning, match=r"x.txt: 2 of 2 people would be 170 m tall"):
         load_tracks(tmp_path / "x.txt")
 
 
-def test_positions_that_flicker_and_a_jump_are_no_doubt() -> None:
+def test_positions_that_flicker_and_a_jump_are_no_doubt():
     table = walking()
     table.x_m[::3] += 0.3  # 9 m/s from frame to frame
     table.x_m[table.frame > 30] += 20.0
@@ -349,7 +349,7 @@ CORNERS = "".join(f"{k},7,{50 * k},20,{50 * k + 30 + k % 3},90,1\n" for k in ran
         ),
     ],
 )
-def test_file_is_refused_for_what_is_wrong_in_it(tmp_path: Path, read, name, text, message) -> None:
+def test_file_is_refused_for_what_is_wrong_in_it(tmp_path, read, name, text, message):
     (tmp_path / name).write_text(text)
     with pytest.raises(InputError, match=message):
         read(tmp_path / name)
@@ -363,20 +363,20 @@ def test_text_is_written_as_its_format_asks(tmp_path):
     assert (tmp_path / "x.txt").read_text().startswith("1,1,100.0,50.0,40.0,120.0,1,-0.5000,1.0000,0.0000\n")
 
 
-def test_motchallenge_has_the_confidence_and_1_where_it_is_unknown(tmp_path: Path) -> None:
+def test_motchallenge_has_the_confidence_and_1_where_it_is_unknown(tmp_path):
     table = two_walkers()
     table.confidence[0] = 0.75
     FORMATS["motchallenge"].write(tmp_path / "x.txt", TrajectoryFile(table))
     assert [line.split(",")[6] for line in (tmp_path / "x.txt").read_text().splitlines()[:2]] == ["0.75", "1"]
 
 
-def test_dates_of_a_table_become_seconds(tmp_path: Path) -> None:
+def test_dates_of_a_table_become_seconds(tmp_path):
     rows = "0,2023-10-29 02:59:59.9,1,0,0,1.7\n1,2023-10-29 03:00:00,1,0,0,1.7\n"
     (tmp_path / "t.csv").write_text(f"frame,timestamp_s,id,x_m,y_m,height_m\n{rows}")
     assert np.diff(load_tracks(tmp_path / "t.csv").timestamp_s) == pytest.approx(0.1, abs=1e-6)
 
 
-def test_dates_of_a_dataframe_become_seconds() -> None:
+def test_dates_of_a_dataframe_become_seconds():
     times = pd.to_datetime(["2023-10-29T02:59:59.9+02:00", "2023-10-29T03:00:00.4+02:00"])
     rows = pd.DataFrame({"frame": [0, 1], "timestamp_s": times, "id": 1, "x_m": 0.0, "y_m": 0.0})
     assert np.diff(Trajectories.from_dataframe(rows).timestamp_s) == pytest.approx(0.5, abs=1e-6)
@@ -397,17 +397,17 @@ def walkers_at(*places: tuple[float, float]) -> Trajectories:
         ("POLYGON ((0 0, 90 0, 90 90, 0 90, 0 0))", ""),
     ],
 )
-def test_a_region_doubts_nobody_inside_and_a_floor_that_is_a_speck_of_it(wkt: str, words: str) -> None:
+def test_a_region_doubts_nobody_inside_and_a_floor_that_is_a_speck_of_it(wkt, words):
     doubt = Region(wkt, "region=").doubt(walkers_at((1.0, 1.0), (2.0, 2.0)))
     assert words in doubt and bool(words) == bool(doubt)
 
 
-def test_a_region_whose_border_crosses_itself_is_refused() -> None:
+def test_a_region_whose_border_crosses_itself_is_refused():
     with pytest.raises(InputError, match="cross itself"):
         Region("POLYGON ((-5 0, 5 12, 5 0, -5 12, -5 0))", "region=")
 
 
-def test_rows_of_a_region_with_nobody_inside_keep_the_rate_of_all() -> None:
+def test_rows_of_a_region_with_nobody_inside_keep_the_rate_of_all():
     file = TrajectoryFile(walkers_at((1.0, 1.0), (2.0, 2.0)))
     with pytest.warns(UserWarning, match="nobody is inside"):
         empty = limit(file, "POLYGON ((50 50, 60 50, 60 60, 50 60, 50 50))", None)

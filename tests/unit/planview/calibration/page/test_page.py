@@ -1,7 +1,6 @@
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,7 +20,7 @@ BLACK = np.zeros((480, 640, 3), np.uint8)
 
 
 @pytest.mark.asyncio
-async def test_page_shows_the_next_step_and_exports(tmp_path: Path) -> None:
+async def test_page_shows_the_next_step_and_exports(tmp_path):
     session = CalibrationSession("clip.mp4", [BLACK] * 2, [0, 5], lens="pinhole")
     async with user_simulation(root=lambda: Page(session, tmp_path)) as user:
         await user.open("/")
@@ -36,7 +35,7 @@ async def test_page_shows_the_next_step_and_exports(tmp_path: Path) -> None:
 
 
 @pytest.mark.asyncio
-async def test_camera_that_is_not_enough_is_exported_only_when_asked_again(tmp_path: Path) -> None:
+async def test_camera_that_is_not_enough_is_exported_only_when_asked_again(tmp_path):
     session = CalibrationSession("clip.mp4", [BLACK], [0], lens="pinhole")
     session.samples += standing_people(CAMERA, 4)
     session.solution = session.solve()
@@ -54,7 +53,7 @@ async def test_camera_that_is_not_enough_is_exported_only_when_asked_again(tmp_p
 
 
 @pytest.mark.asyncio
-async def test_page_undo_takes_back_a_person(tmp_path: Path) -> None:
+async def test_page_undo_takes_back_a_person(tmp_path):
     session = CalibrationSession("clip.mp4", [BLACK], [0], lens="pinhole")
     session.load(standing_people(CAMERA, 2), None)
     async with user_simulation(root=lambda: Page(session, tmp_path)) as user:
@@ -66,7 +65,7 @@ async def test_page_undo_takes_back_a_person(tmp_path: Path) -> None:
 
 
 @pytest.mark.asyncio
-async def test_file_without_samples_is_refused_by_its_name(tmp_path: Path) -> None:
+async def test_file_without_samples_is_refused_by_its_name(tmp_path):
     session = CalibrationSession("clip.mp4", [BLACK], [0])
     pages: list[Page] = []
     async with user_simulation(root=lambda: pages.append(Page(session, tmp_path))) as user:

@@ -205,7 +205,7 @@ def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "both.mp4"
 
 
-def test_page_opens_a_side_by_side_video_as_a_stereo_recording(video: Path) -> None:
+def test_page_opens_a_side_by_side_video_as_a_stereo_recording(video):
     for path in (video, video.parent):
         session = open_session(path)
         assert session.view is not None and session.size[0] == session.view.image.shape[1]
@@ -222,7 +222,7 @@ def test_page_takes_a_stereo_calibration_for_a_side_by_side_video_and_not_for_on
         open_session(tmp_path / "one.mp4", DEMO / "rig.toml")
 
 
-def test_every_frame_of_a_video_can_be_shown_one_by_one(video: Path, tmp_path: Path) -> None:
+def test_every_frame_of_a_video_can_be_shown_one_by_one(video, tmp_path):
     write_frames(tmp_path / "one.avi", [np.full((48, 64, 3), 2 * level, np.uint8) for level in range(100)])
     session = open_session(tmp_path / "one.avi")
     assert len(session.frames) == 100 and list(session.indices) == list(range(100))
@@ -233,7 +233,7 @@ def test_every_frame_of_a_video_can_be_shown_one_by_one(video: Path, tmp_path: P
     assert float(session.frames[session.shown].mean()) == pytest.approx(198, abs=2)
 
 
-def test_more_people_are_asked_for_only_where_something_moved(tmp_path: Path) -> None:
+def test_more_people_are_asked_for_only_where_something_moved(tmp_path):
     pictures = np.full((40, 240, 320, 3), 90, np.uint8)
     for i, picture in enumerate(pictures):
         picture[100:160, 4 * i : 4 * i + 20] = 220  # somebody walks through the left half
@@ -263,7 +263,7 @@ def test_points_on_a_line_are_refused_three_are_not_enough_and_four_on_a_plane_a
     assert not three.enough and "fourth" in three.sentence and four.enough
 
 
-def test_four_clicks_close_together_are_not_enough_and_show_the_floor_found_without_them() -> None:
+def test_four_clicks_close_together_are_not_enough_and_show_the_floor_found_without_them():
     close = np.array([(-0.25, 2.0, 3.0), (0.25, 2.0, 3.0), (0.25, 2.0, 3.5), (-0.25, 2.0, 3.5)])
     fit = fit_plane(close, LIMIT[:4], DEPTH_STD[:4])
     verdict = fit.assessment()
@@ -273,7 +273,7 @@ def test_four_clicks_close_together_are_not_enough_and_show_the_floor_found_with
     assert float(tilt.deviation.split("°")[0].lstrip("± ")) > 1.0
 
 
-def test_deviations_of_a_floor_from_points_are_the_scatter_of_floors_from_noisy_points() -> None:
+def test_deviations_of_a_floor_from_points_are_the_scatter_of_floors_from_noisy_points():
     rng = np.random.default_rng(0)
     noisy = FLOOR * (1 + 0.02 / FLOOR[:, 2:] * rng.normal(size=(400, 5, 1)))
     floors = [floor_from_points(points) for points in noisy]

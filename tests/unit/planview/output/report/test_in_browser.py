@@ -27,12 +27,12 @@ def screenshot(page: Path, width: int, *options: str) -> U8:
     return np.asarray(picture, dtype=np.uint8)
 
 
-def test_page_fits_a_phone_and_shows_pictures(street: Path) -> None:
+def test_page_fits_a_phone_and_shows_pictures(street):
     picture = screenshot(write_report(street), 500)
     assert (picture[:, -8:] == 255).all()  # nothing is wider than the page, whose border is empty
     assert (picture < 250).any(axis=2).mean() > 0.2
 
 
-def test_page_is_dark_where_the_browser_is(street: Path) -> None:
+def test_page_is_dark_where_the_browser_is(street):
     picture = screenshot(write_report(street), 1000, "--blink-settings=preferredColorScheme=0")
     assert picture[:20].max() < 60  # the empty border above the title

@@ -10,7 +10,6 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
-from cli import ShownBy
 from toy_tracks import positions_table
 
 from calib.errors import InputError, WorkError
@@ -52,14 +51,14 @@ def pictures(page: str) -> list[bytes]:
     return [base64.b64decode(data) for data in re.findall(r'src="data:image/png;base64,([^"]+)"', page)]
 
 
-def test_report_of_tracks_alone_shows_paths_density_curves_with_identities(tmp_path: Path) -> None:
+def test_report_of_tracks_alone_shows_paths_density_curves_with_identities(tmp_path):
     write_tracks(tmp_path)
     page = write_report(tmp_path).read_text()
     assert len(pictures(page)) == 4 and all(picture.startswith(b"\x89PNG") for picture in pictures(page))
     assert "No run.json in this folder" in page
 
 
-def test_report_of_boxes_alone_shows_paths_in_the_image_without_a_density(tmp_path: Path) -> None:
+def test_report_of_boxes_alone_shows_paths_in_the_image_without_a_density(tmp_path):
     rows = [f"{t},{t / 10:.4f},1,,,,confirmed,{10 + t},20,30,60\n" for t in range(30)]
     header = HEADER.rstrip() + ",left_px,top_px,width_px,height_px\n"
     (tmp_path / "tracks.csv").write_text(header + "".join(rows))
@@ -67,9 +66,7 @@ def test_report_of_boxes_alone_shows_paths_in_the_image_without_a_density(tmp_pa
     assert "<h2>Paths</h2>" in page and "<h2>Density</h2>" not in page
 
 
-def test_report_of_a_full_run_shows_everything(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shown_by: ShownBy
-) -> None:
+def test_report_of_a_full_run_shows_everything(tmp_path, monkeypatch, shown_by):
     write_tracks(tmp_path)
     write_run_info(full_info(), tmp_path / "run.json")
     (tmp_path / "rules.toml").write_text(
@@ -89,7 +86,7 @@ def test_report_of_a_full_run_shows_everything(
     assert "<b>door" not in page and "<script" not in page
 
 
-def test_report_asks_for_nothing_from_outside_and_shows_when_a_run_was_interrupted(tmp_path: Path) -> None:
+def test_report_asks_for_nothing_from_outside_and_shows_when_a_run_was_interrupted(tmp_path):
     write_tracks(tmp_path)
     write_run_info(full_info(), tmp_path / "run.json")
     page = write_report(tmp_path).read_text()
@@ -100,7 +97,7 @@ def test_report_asks_for_nothing_from_outside_and_shows_when_a_run_was_interrupt
 
 
 @pytest.mark.parametrize("rows", ["", "0,0,1,,,,confirmed\n", "5,0.5,1,1,1,,tentative\n", "0,0,1,1,1,1.7,confirmed\n"])
-def test_report_survives_few_and_unknown_values(tmp_path: Path, rows: str) -> None:
+def test_report_survives_few_and_unknown_values(tmp_path, rows):
     (tmp_path / "tracks.csv").write_text(HEADER + rows)
     assert "</html>" in write_report(tmp_path).read_text()
 
@@ -112,19 +109,19 @@ def test_report_survives_few_and_unknown_values(tmp_path: Path, rows: str) -> No
         ("decisions.csv", "frame\n1\n"),
     ],
 )  # fmt: skip
-def test_files_that_are_not_what_they_say_are_named(tmp_path: Path, name: str, text: str) -> None:
+def test_files_that_are_not_what_they_say_are_named(tmp_path, name, text):
     write_tracks(tmp_path)
     (tmp_path / name).write_text(text)
     with pytest.raises(InputError, match=name):
         write_report(tmp_path)
 
 
-def test_folder_without_tracks_is_refused(tmp_path: Path) -> None:
+def test_folder_without_tracks_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"tracks\.csv"):
         write_report(tmp_path)
 
 
-def test_page_that_cannot_be_written_is_work_failed(tmp_path: Path) -> None:
+def test_page_that_cannot_be_written_is_work_failed(tmp_path):
     write_tracks(tmp_path)
     (tmp_path / "report.html").mkdir()
     with pytest.raises(WorkError, match="cannot be written"):
@@ -132,14 +129,14 @@ def test_page_that_cannot_be_written_is_work_failed(tmp_path: Path) -> None:
     assert not (tmp_path / "report.html.part").exists()
 
 
-def test_only_settings_that_differ_from_the_defaults_are_listed() -> None:
+def test_only_settings_that_differ_from_the_defaults_are_listed():
     config = Config().model_dump(mode="json")
     assert changed_settings(config) == []
     config["joint"]["stay_s"] = 0.7
     assert [row[:2] for row in changed_settings(config)] == [("joint.stay_s", "0.7")]
 
 
-def test_decisions_of_a_person_say_why_and_how_well_they_matched(tmp_path: Path) -> None:
+def test_decisions_of_a_person_say_why_and_how_well_they_matched(tmp_path):
     write_tracks(tmp_path)
     matched = [f"{t},{t / 10:.4f},1,matched,score {t / 100},{t / 100},{t / 200},{t / 200},0,0" for t in range(31)]
     rows = ["0,0.0000,1,spawned,1.7 m tall,,,,,", *matched, "31,3.1,1,lost,<nothing like it>,0.9,,,,"]
@@ -149,7 +146,7 @@ def test_decisions_of_a_person_say_why_and_how_well_they_matched(tmp_path: Path)
     assert "&lt;nothing like it&gt;" in page
 
 
-def test_run_info_survives_writing_and_reading(tmp_path: Path) -> None:
+def test_run_info_survives_writing_and_reading(tmp_path):
     write_run_info(full_info(), tmp_path / "run.json")
     assert read_run_info(tmp_path / "run.json") == full_info()
     assert json.loads((tmp_path / "run.json").read_text())["frames_read"] == 40
@@ -163,13 +160,13 @@ def table(rows: list[tuple[int, int, float]]) -> Trajectories:
     return positions_table(frame, track_id, xy, timestamp_s=frame / 10)
 
 
-def test_truth_is_held_by_the_confirmed_track_within_the_gate() -> None:
+def test_truth_is_held_by_the_confirmed_track_within_the_gate():
     truth = table([(0, 7, 0.0), (0, 8, 5.0), (1, 7, 0.0)])
     tracks = table([(0, 3, 0.1), (1, 3, 2.0)])
     assert held_by(tracks, truth).tolist() == [3, UNHELD, UNHELD]
 
 
-def test_identities_and_true_people_are_pictured_with_errors_in_the_rows_of_their_people() -> None:
+def test_identities_and_true_people_are_pictured_with_errors_in_the_rows_of_their_people():
     tracks = table([(frame, 3, 0.0) for frame in range(5)])
     truth = table([(frame, 7, 0.0) for frame in range(10)])
     error = SignificantError("lost", 5, 7, 3, 0.5, "visible")
@@ -189,13 +186,13 @@ def test_pictures_are_of_the_frame_asked_for_and_the_busiest(street):
     assert images == {3: 103, 7: 107, 20: 120}
 
 
-def test_scores_are_of_these_tracks_and_not_of_a_file_that_an_earlier_run_left(street: Path) -> None:
+def test_scores_are_of_these_tracks_and_not_of_a_file_that_an_earlier_run_left(street):
     (street / "evaluation.json").write_text('{"mota": 0.123, "significant_errors": {"total": 77}}')
     page = write_report(street).read_text()
     assert "0.123" not in page and ">77<" not in page
 
 
-def test_scene_is_pictured_from_the_recording_opened_again(street: Path) -> None:
+def test_scene_is_pictured_from_the_recording_opened_again(street):
     results = RunFolder(street)
     scores = scores_of(results)
     assert scores is not None
@@ -208,7 +205,7 @@ def test_scene_is_pictured_from_the_recording_opened_again(street: Path) -> None
     assert strip.is_strip and decoded(strip.data).shape[1] > 4 * decoded(strip.data).shape[0]
 
 
-def test_recording_that_is_gone_gives_a_sentence_instead_of_pictures(street: Path) -> None:
+def test_recording_that_is_gone_gives_a_sentence_instead_of_pictures(street):
     info = json.loads((street / "run.json").read_text())
     (street / "run.json").write_text(json.dumps({**info, "input": "gone"}))
     pictures = scene_pictures(RunFolder(street), [])
@@ -225,7 +222,7 @@ def test_report_of_no_run_is_refused(refused):
     assert "the folder of a run" in refused("report")
 
 
-def test_report_of_two_runs_prints_the_settings_that_differ(street: Path, tmp_path: Path, shown_by: ShownBy) -> None:
+def test_report_of_two_runs_prints_the_settings_that_differ(street, tmp_path, shown_by):
     other = tmp_path / "other"
     shutil.copytree(street, other)
     info = json.loads((street / "run.json").read_text())
@@ -236,14 +233,14 @@ def test_report_of_two_runs_prints_the_settings_that_differ(street: Path, tmp_pa
     assert names[0] == "setting" and names[1:] == ["joint.stay_s"]
 
 
-def test_settings_that_differ_have_all_their_digits() -> None:
+def test_settings_that_differ_have_all_their_digits():
     one = full_info()
     other = one.model_copy(update={"config": {"seed": 0, "grid": {"cell_m": 0.030001}}, "tracker": "template"})
     rows = differing_settings([one, other])
     assert rows == [("tracker", ["joint", "template"]), ("grid.cell_m", ["0.03", "0.030001"])]
 
 
-def test_settings_that_differ_widely_have_no_more_digits_than_show_it() -> None:
+def test_settings_that_differ_widely_have_no_more_digits_than_show_it():
     one, other = (full_info().model_copy(update={"fps": fps}) for fps in (15.000000178997617, 10.0))
     assert differing_settings([one, other]) == [("fps", ["15", "10"])]
     close = one.model_copy(update={"fps": 15.0})

@@ -151,7 +151,7 @@ def test_frames_that_show_nothing_are_not_waited_for():
 
 
 @pytest.mark.parametrize("value", [0, 255])
-def test_a_mask_without_an_outline_gives_no_tracks(value: int) -> None:
+def test_a_mask_without_an_outline_gives_no_tracks(value):
     masks = [np.full(SHAPE, value, dtype=np.uint8)] * 5
     assert follow(EllipseParticleTracker(EllipseParticleParams()), masks) == [()] * 5
 

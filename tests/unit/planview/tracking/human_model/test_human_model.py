@@ -25,7 +25,7 @@ def _walker(t: float) -> list[Drawn]:
     return [(-2.5 + 1.2 * t, 6.0, RED)]
 
 
-def test_walker_is_one_track_near_the_truth_with_the_box_of_the_whole_model() -> None:
+def test_walker_is_one_track_near_the_truth_with_the_box_of_the_whole_model():
     _, states, _ = run(_walker, 3.5)
     rows = [(k, s) for k, frame in enumerate(states) for s in confirmed(frame)]
     assert len(rows) > 20 and len({s.track_id for _, s in rows}) == 1
@@ -39,7 +39,7 @@ def test_walker_is_one_track_near_the_truth_with_the_box_of_the_whole_model() ->
     assert top + height == pytest.approx(foot[1], abs=4)
 
 
-def test_two_who_enter_side_by_side_are_split() -> None:
+def test_two_who_enter_side_by_side_are_split():
     def path(t: float) -> list[Drawn]:
         return [(-2.5 + 1.2 * t, 6.0, RED), (-1.8 + 1.2 * t, 6.0, BLUE)]
 
@@ -47,7 +47,7 @@ def test_two_who_enter_side_by_side_are_split() -> None:
     assert len(confirmed(states[-1])) == 2 and kinds.count("spawned") + kinds.count("split") == 2
 
 
-def test_ids_survive_a_crossing() -> None:
+def test_ids_survive_a_crossing():
     def path(t: float) -> list[Drawn]:
         return [(-2.5 + 1.2 * t, 6.0, RED), (2.5 - 1.2 * t, 6.6, BLUE)]
 
@@ -57,7 +57,7 @@ def test_ids_survive_a_crossing() -> None:
     assert len(before) == len(after) == 2 and all(after[i] * x < 0 for i, x in before.items())
 
 
-def test_id_survives_a_column_in_front() -> None:
+def test_id_survives_a_column_in_front():
     _, states, kinds = run(_walker, 4.0, hidden=slice(68, 88))
     assert len({s.track_id for frame in states for s in confirmed(frame)}) == 1 and kinds.count("lost") == 1
     assert kinds.count("reacquired") == 1
@@ -73,7 +73,7 @@ def test_a_walker_is_predicted_through_frames_that_show_nothing():
     assert {s.state for s in states[-1]} == {"confirmed"} and ids[-1] == [1]
 
 
-def test_person_who_was_hidden_for_long_has_the_same_id_again() -> None:
+def test_person_who_was_hidden_for_long_has_the_same_id_again():
     def path(t: float) -> list[Drawn]:
         return [(-2.5 + t, 6.0, RED)] if t < 2.5 else [(11.0 - t, 4.5, RED)] * (t >= 9.0)
 
@@ -82,7 +82,7 @@ def test_person_who_was_hidden_for_long_has_the_same_id_again() -> None:
     assert [s.state for s in states[-1]] == ["confirmed"]
 
 
-def test_foreground_that_appears_and_stays_is_no_person_nor_is_none() -> None:
+def test_foreground_that_appears_and_stays_is_no_person_nor_is_none():
     tracker, states, _ = run(lambda t: [(0.0, 6.0, RED)] if t >= 0.5 else [], 5.0)
     assert not any(confirmed(frame) for frame in states)
     assert (tracker.feedback() == BACKGROUND).any()
@@ -90,42 +90,42 @@ def test_foreground_that_appears_and_stays_is_no_person_nor_is_none() -> None:
     assert not any(states) and not kinds
 
 
-def test_chair_that_was_pushed_and_stays_still_is_a_thing() -> None:
+def test_chair_that_was_pushed_and_stays_still_is_a_thing():
     _, states, _ = run(lambda t: [(min(0.0, -1.2 + 1.2 * t), 6.0, RED)], 30.0)
     assert confirmed(states[40]) and not confirmed(states[-1])
 
 
-def test_person_who_walked_in_stays_one_however_still() -> None:
+def test_person_who_walked_in_stays_one_however_still():
     _, states, kinds = run(lambda t: [(min(0.0, -2.5 + 1.2 * t), 6.0, RED)], 26.0)
     assert len(confirmed(states[-1])) == 1 and "pruned" not in kinds
 
 
-def test_person_who_leaves_the_view_is_removed() -> None:
+def test_person_who_leaves_the_view_is_removed():
     _, states, kinds = run(lambda t: [(1.5 * t, 6.0, RED)], 5.0)
     assert not states[-1] and kinds[-1] == "pruned"
 
 
-def test_states_appear_in_decisions_and_drawings() -> None:
+def test_states_appear_in_decisions_and_drawings():
     tracker, _, kinds = run(lambda t: [(min(0.0, -2.5 + 1.2 * t), 6.0, RED)], 4.0)
     models, _ = tracker.debug().drawings
     assert "state" in kinds and "stationary" in models.labels[0]
 
 
 @pytest.mark.parametrize(("seconds", "label"), [(1.0, PERSON), (2.0, WALKER)])
-def test_feedback_protects_tracked_people_and_tells_who_has_walked(seconds: float, label: int) -> None:
+def test_feedback_protects_tracked_people_and_tells_who_has_walked(seconds, label):
     tracker, _, _ = run(_walker, seconds)
     u, v = CAMERA.project((-2.5 + 1.2 * (seconds - 0.1), 6.0, 0.9))
     assert tracker.feedback()[round(float(v)), round(float(u))] == label
 
 
-def test_feedback_leaves_what_hides_a_person_to_the_background() -> None:
+def test_feedback_leaves_what_hides_a_person_to_the_background():
     u = round(float(CAMERA.project((-2.5 + 1.2 * 1.9, 6.0, 0.9))[0]))
     tracker, _, _ = run(_walker, 2.0, hidden=slice(u - 1, u + 2))
     feedback = tracker.feedback()
     assert (feedback == WALKER).any() and not np.isin(feedback[:, u - 1 : u + 2], (PERSON, WALKER)).any()
 
 
-def test_reset_gives_the_same_tracks_again() -> None:
+def test_reset_gives_the_same_tracks_again():
     tracker, states, _ = run(_walker, 2.0)
     tracker.reset()
     world = World()
@@ -133,7 +133,7 @@ def test_reset_gives_the_same_tracks_again() -> None:
     assert again == states
 
 
-def test_images_of_another_size_missing_foreground_and_the_map_of_another_camera_are_refused() -> None:
+def test_images_of_another_size_missing_foreground_and_the_map_of_another_camera_are_refused():
     tracker = HumanModelTracker(PARAMS, CAMERA, MAP)
     small, mask = np.zeros((60, 80), np.uint8), np.zeros((120, 160), np.uint8)
     for view in (View.of_mask(small, small), View.of_mask(mask, mask, small)):
@@ -145,7 +145,7 @@ def test_images_of_another_size_missing_foreground_and_the_map_of_another_camera
         HumanModelTracker(PARAMS, replace(CAMERA, height_m=5.0), MAP)
 
 
-def test_grey_video_is_tracked_without_colours() -> None:
+def test_grey_video_is_tracked_without_colours():
     tracker, world = HumanModelTracker(PARAMS, CAMERA, MAP), World()
     for k in range(20):
         seen = world.observe(k, _walker(k / FPS))

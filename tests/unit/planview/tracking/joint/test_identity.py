@@ -49,7 +49,7 @@ def test_a_newcomer_who_may_be_nobody_claims_no_identity_before_one_who_is_repor
     assert (sure.track_id, sure.confirmed, ghost.track_id, ghost.confirmed) == (1, True, 3, False)
 
 
-def test_one_tall_frame_does_not_make_a_person_of_a_low_thing() -> None:
+def test_one_tall_frame_does_not_make_a_person_of_a_low_thing():
     def seen(*heights_m: float) -> Person:
         person = newcomer(-1, 0.0, 0.5, 8.0)
         person.identity.walk.evidence = 0.0
@@ -65,7 +65,7 @@ def test_one_tall_frame_does_not_make_a_person_of_a_low_thing() -> None:
     assert claims[1] > JointTracker().params.report > claims[2]
 
 
-def test_who_walks_out_is_expected_ahead_or_back_in_the_door_and_not_behind() -> None:
+def test_who_walks_out_is_expected_ahead_or_back_in_the_door_and_not_behind():
     # After 0.7 s a walker has gone on for 0.7 s (1 - 1/e), at 1 m/s 0.44 m.
     walker = newcomer(1, 0.0, 0.0, 3.0)
     walker.last_seen = Sighting(0.0, FloorKalman(np.array([0.0, 3.0, 1.0, 0.0]), np.eye(4)))
@@ -74,7 +74,7 @@ def test_who_walks_out_is_expected_ahead_or_back_in_the_door_and_not_behind() ->
     assert ahead > back > 2.0 > 0.0 > behind
 
 
-def test_clothes_tell_people_apart_as_far_as_others_do_not_wear_them() -> None:
+def test_clothes_tell_people_apart_as_far_as_others_do_not_wear_them():
     def dressed(code: int) -> Clothes:
         clothes = Clothes()
         clothes.histograms[:, code] = 5.0
@@ -88,7 +88,7 @@ def test_clothes_tell_people_apart_as_far_as_others_do_not_wear_them() -> None:
     assert dressed(black).log_odds_same(Clothes(), whites) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_newcomer_who_may_be_somebody_known_has_no_id_before_the_clothes_have_been_seen() -> None:
+def test_a_newcomer_who_may_be_somebody_known_has_no_id_before_the_clothes_have_been_seen():
     gone, found = newcomer(1, 0.0, 0.0, 8.0), newcomer(-1, 0.4, 2.0, 8.0)
     tracker = recognising([gone], [found], 2.3)
     assert not found.confirmed
@@ -111,7 +111,7 @@ def test_of_whom_the_head_is_out_of_view_is_nobodys_height_and_no_stranger():
 
 
 @pytest.mark.parametrize(("tall_m", "confirmed"), [(1.9, False), (1.7, True)])
-def test_before_the_head_shows_nobody_is_a_stranger_who_may_be_as_tall_as_somebody_who_left(tall_m, confirmed) -> None:
+def test_before_the_head_shows_nobody_is_a_stranger_who_may_be_as_tall_as_somebody_who_left(tall_m, confirmed):
     gone, feet = newcomer(7, 0.0, 0.0, 8.0), newcomer(-1, 1.8, 2.0, 8.0)
     gone.identity.stature = Stature(tall_m, 0.02**2)
     see(feet, inside_share=0.9)
@@ -125,7 +125,7 @@ def test_before_the_head_shows_nobody_is_a_stranger_who_may_be_as_tall_as_somebo
     assert feet.confirmed and gone in tracker._departed
 
 
-def test_frames_without_colours_are_no_time_in_which_clothes_could_have_been_seen() -> None:
+def test_frames_without_colours_are_no_time_in_which_clothes_could_have_been_seen():
     person = newcomer(-1, 0.0, 0.0, 8.0)
     see(person, head_in_view=True)
     assert person.will_show_more(0.9, coloured=True) and not person.will_show_more(1.1, coloured=True)
@@ -133,7 +133,7 @@ def test_frames_without_colours_are_no_time_in_which_clothes_could_have_been_see
     assert person.will_show_more(1.4, coloured=True) and not person.will_show_more(1.6, coloured=True)
 
 
-def test_colours_that_have_shown_are_expected_again_for_three_seconds() -> None:
+def test_colours_that_have_shown_are_expected_again_for_three_seconds():
     tracker, rays = JointTracker(), oblique_camera()
     coloured = look_at(rays, [(0.0, 3.0, 1.75)], [CODES - 1])
     grey = replace(coloured, colour=None)
@@ -144,7 +144,7 @@ def test_colours_that_have_shown_are_expected_again_for_three_seconds() -> None:
     assert expected == [False, True, True, False]
 
 
-def test_people_who_touch_while_there_are_no_colours_may_have_been_exchanged() -> None:
+def test_people_who_touch_while_there_are_no_colours_may_have_been_exchanged():
     exchanges = Exchanges(JointParams())
     exchanges.update([newcomer(1, 0.0, 0.0, 8.0), newcomer(2, 0.5, 0.0, 8.0), newcomer(3, 2.0, 0.0, 8.0)], (), 0.0)
     assert exchanges._evidence == {(1, 2): 0.0}

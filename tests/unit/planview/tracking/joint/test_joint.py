@@ -132,7 +132,7 @@ def test_a_low_body_and_another_in_its_place_become_the_upright_person_that_expl
 
 
 @pytest.mark.parametrize(("turn_rad", "farther_m"), [(1.2, 0.25), (1.57, 0.0), (2.0, 0.25), (2.5, 0.0)])
-def test_somebody_who_turns_and_bends_at_once_makes_no_newcomer(turn_rad: float, farther_m: float) -> None:
+def test_somebody_who_turns_and_bends_at_once_makes_no_newcomer(turn_rad, farther_m):
     tracker, spawned = JointTracker(), 0
     camera = oblique_camera(3.3, tilt_deg=0.0)
     for n in range(40):
@@ -155,7 +155,7 @@ def test_a_walker_keeps_existence_and_id_while_nothing_is_known():
     assert odds[22] == pytest.approx(odds[14], abs=1e-6)
 
 
-def test_nobody_is_confirmed_while_images_lack_the_colours_that_they_had() -> None:
+def test_nobody_is_confirmed_while_images_lack_the_colours_that_they_had():
     tracker, first = JointTracker(), {}
     for n in range(40):
         scene = look_at(CAMERA, [(0.8, 2.5, 1.75), (-1.2 + 0.06 * n, 3.5, 1.75)] if n > 4 else [], (30, 160))

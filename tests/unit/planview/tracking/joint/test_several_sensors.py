@@ -53,7 +53,7 @@ SEVERAL = sensor(80), sensor(120, (-2.0, 0.5), -40.0), sensor(160, (0.5, 6.5), 1
 
 
 @pytest.mark.parametrize("seed", [0, 3, 7])
-def test_tracks_do_not_depend_on_the_order_in_which_sensors_are_listed(seed: int) -> None:
+def test_tracks_do_not_depend_on_the_order_in_which_sensors_are_listed(seed):
     scenes = walk(SEVERAL, seed)
     first = follow(scenes)
     assert len({s.track_id for states in first for s in states if s.state == "confirmed"}) == 3
@@ -66,7 +66,7 @@ def test_tracks_do_not_depend_on_the_order_in_which_sensors_are_listed(seed: int
                 assert (a.x_m, a.y_m, a.height_m) == pytest.approx((b.x_m, b.y_m, b.height_m), abs=1e-6)
 
 
-def test_what_sensors_at_one_place_have_seen_is_kept_apart() -> None:
+def test_what_sensors_at_one_place_have_seen_is_kept_apart():
     tracker, sensors = JointTracker(), (sensor(120), sensor(80, turn_deg=30.0))
     follow([[look_at(rays, [(-0.4, 3.0, 1.75)]) for rays in sensors]] * 3, tracker)
     (person,) = tracker._people
@@ -81,7 +81,7 @@ FACING = tuple(look_at(rays, []) for rays in (sensor(80), sensor(80, (0.0, 10.0)
 @pytest.mark.parametrize(
     ("cameras", "behind"), [([0, 0], 0.5), ([1, 1], -0.5), ([0, 1], 0.0)], ids=["first", "second", "from both sides"]
 )
-def test_a_newcomer_stands_behind_its_surface_as_the_sensors_look_that_saw_it(cameras, behind) -> None:
+def test_a_newcomer_stands_behind_its_surface_as_the_sensors_look_that_saw_it(cameras, behind):
     frame = Explanation(FACING, likelihood_of_ranges(JointParams()))
     points = np.array([[0.0, 4.0, 1.5, 2.0, 0.0]] * 2).T
     assert _place_behind(points, np.array(cameras), frame).tolist() == pytest.approx(
@@ -89,13 +89,13 @@ def test_a_newcomer_stands_behind_its_surface_as_the_sensors_look_that_saw_it(ca
     )
 
 
-def test_people_are_explained_from_the_nearest_to_any_sensor_on() -> None:
+def test_people_are_explained_from_the_nearest_to_any_sensor_on():
     poses = np.array([upright_pose((0.0, y, 1.7)) for y in (4.0, 9.0)])
     for views in (FACING, FACING[::-1]):
         assert Explanation(views, likelihood_of_ranges(JointParams())).order_by_distance(poses).tolist() == [1, 0]
 
 
-def test_arrays_that_do_not_fit_each_other_are_refused() -> None:
+def test_arrays_that_do_not_fit_each_other_are_refused():
     tracker, seen = JointTracker(), look_at(sensor(80), [])
     with pytest.raises(ValueError, match="one size"):
         replace(seen, rays=sensor(120))
@@ -122,7 +122,7 @@ else:
 
 
 @pytest.mark.slow
-def test_kernels_stay_inside_their_arrays(tmp_path: Path) -> None:
+def test_kernels_stay_inside_their_arrays(tmp_path):
     here = Path(__file__).parent
     paths = os.pathsep.join(str(place) for place in (here, here.parents[3], here.parents[4]))
     checked = {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": paths}

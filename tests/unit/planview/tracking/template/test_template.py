@@ -73,14 +73,14 @@ def test_position_height_and_velocity_are_those_of_the_walker():
     assert all(len(tracks) == 1 for tracks in frames)  # what is found of a person is cleared
 
 
-def test_walkers_who_pass_each_other_keep_their_ids() -> None:
+def test_walkers_who_pass_each_other_keep_their_ids():
     frames = [a + b for a, b in zip(walk(-1.45, -0.35, 30, 1.6), walk(1.45, 0.35, 30, 1.9, -PACE_M), strict=True)]
     results = follow(TemplateTracker(), frames)
     heights = [{track.track_id: round(track.height_m, 1) for track in results[i]} for i in (5, -1)]
     assert heights[0] == heights[1] and sorted(heights[0].values()) == [1.6, 1.9]
 
 
-def test_lost_person_goes_on_as_predicted_and_is_forgotten_after_four_seconds() -> None:
+def test_lost_person_goes_on_as_predicted_and_is_forgotten_after_four_seconds():
     tracker = TemplateTracker()
     seen = follow(tracker, walk(-0.95, 0.05, 10))[-1][0]
     (lost,), *_, last, after = follow(tracker, [[]] * 41, start=10)[4:]
@@ -107,7 +107,7 @@ def test_frames_that_show_nothing_end_nobody_and_find_nobody():
     assert states[11] == states[-1] == [(1, "confirmed")] and states[12:20] == [[(1, "lost")]] * 8
 
 
-def test_template_that_holds_little_of_its_person_is_recentred_on_the_occupancy_peak() -> None:
+def test_template_that_holds_little_of_its_person_is_recentred_on_the_occupancy_peak():
     """A template of 81 cells with 25 filled counts as slipped: the peak is the head of a block a cell away."""
     tracker = TemplateTracker(TemplateParams(recentre_filled=0.5))
     follow(tracker, [[(0.05, 0.05, 1.75)]])
@@ -115,7 +115,7 @@ def test_template_that_holds_little_of_its_person_is_recentred_on_the_occupancy_
     assert (track.x_m, track.y_m) == pytest.approx((0.15, 0.05), abs=1e-9) and "recentred" in kinds(tracker)
 
 
-def test_recentring_leaves_the_velocity() -> None:
+def test_recentring_leaves_the_velocity():
     still, moved = TemplateTracker(TemplateParams(recentre_filled=0.0)), TemplateTracker()
     for tracker in (still, moved):
         follow(tracker, walk(-0.95, 0.05, 8))
@@ -125,13 +125,13 @@ def test_recentring_leaves_the_velocity() -> None:
     assert (one.vx_mps, one.vy_mps) == (other.vx_mps, other.vy_mps)
 
 
-def test_templates_follow_who_sits_down() -> None:
+def test_templates_follow_who_sits_down():
     heights = [*np.linspace(1.75, 1.25, 10).tolist(), *[1.25] * 10]
     (track,) = follow(TemplateTracker(), [[(0.05, 0.05, height)] for height in heights])[-1]
     assert track.height_m == pytest.approx(1.25, abs=0.01)
 
 
-def test_score_is_the_sum_of_its_terms() -> None:
+def test_score_is_the_sum_of_its_terms():
     tracker = TemplateTracker()
     follow(tracker, walk(-0.95, 0.05, 3))
     (matched,) = tracker.decisions
@@ -139,13 +139,13 @@ def test_score_is_the_sum_of_its_terms() -> None:
 
 
 @pytest.mark.parametrize("without", ["height", "occupancy"])
-def test_weight_of_zero_leaves_a_statistic_out(without: str) -> None:
+def test_weight_of_zero_leaves_a_statistic_out(without):
     tracker = TemplateTracker(TemplateParams(**{f"{without}_weight": 0.0}))
     follow(tracker, walk(-0.95, 0.05, 3))
     assert getattr(tracker.decisions[0].terms, without) == 0.0
 
 
-def test_debug_shows_search_zone_and_templates() -> None:
+def test_debug_shows_search_zone_and_templates():
     tracker = TemplateTracker()
     follow(tracker, walk(0.05, 0.05, 3))
     debug = tracker.debug()
@@ -155,7 +155,7 @@ def test_debug_shows_search_zone_and_templates() -> None:
     )
 
 
-def test_person_at_the_edge_of_the_floor_is_followed() -> None:
+def test_person_at_the_edge_of_the_floor_is_followed():
     (track,) = follow(TemplateTracker(), [[(-2.95, 2.95, 1.75, 0.5)]] * 6)[-1]
     assert track.state == "confirmed" and math.dist((track.x_m, track.y_m), (-2.95, 2.95)) < 0.3
 
@@ -169,7 +169,7 @@ def test_observation_without_maps_and_time_that_runs_backwards_are_refused():
         tracker.update(observe(2, []))
 
 
-def test_difference_counts_one_sided_cells_as_h_max_thirds() -> None:
+def test_difference_counts_one_sided_cells_as_h_max_thirds():
     template = np.array([[1.5, 0.0], [1.0, 0.0]], np.float32)
     seen = np.array([[1.7, 0.9], [0.0, 0.0]], np.float32)
     height, occupancy = mean_differences(template, template, seen, seen, 0.8)
@@ -177,7 +177,7 @@ def test_difference_counts_one_sided_cells_as_h_max_thirds() -> None:
     assert occupancy[0, 0] == pytest.approx((0.2 + 0.9 + 1.0) / 3, abs=1e-6)
 
 
-def test_difference_is_none_where_the_template_was_moved_and_all_over_an_empty_floor() -> None:
+def test_difference_is_none_where_the_template_was_moved_and_all_over_an_empty_floor():
     rng = np.random.default_rng(1)
     template = np.where(rng.random((5, 5)) < 0.5, rng.uniform(0.1, 2.0, (5, 5)), 0.0).astype(np.float32)
     height = np.zeros((20, 20), np.float32)
