@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from calib.carried import Carried
 from calib.times import PAUSE_S, jump_note
 from planview.checks.check import Check
-from planview.checks.sensors import SensorPaths, SensorsWatch
+from planview.checks.sensors import SensorsWatch
 from planview.checks.watch import RecordingWatch, refuse_unless_ok
 from planview.counting.events import Event
 from planview.engine.engine import Engine, FrameResult
@@ -73,7 +73,7 @@ class RunChecks(Carried):
         self._engine = engine
         self._strict = strict
         self._watch = RecordingWatch(engine.stereo) if engine.rigs else None
-        self._sensors = SensorsWatch([SensorPaths(name, rig.camera) for name, rig in engine.rigs.items()])
+        self._sensors = SensorsWatch({name: rig.camera for name, rig in engine.rigs.items()})
         self._frames = 0
         self.refuse()
 
