@@ -19,7 +19,6 @@ from planview.engine.engine import Engine, FrameResult
 from planview.engine.open import engine_of, open_engine
 from planview.maps.recording import MapsRecording
 from planview.output.folder import read_run_info
-from planview.output.report.page import write_report
 from planview.output.run import run
 from planview.output.run_spec import RunSpec
 from planview.trajectories.table import read_tracks
@@ -65,12 +64,6 @@ def test_maps_built_from_the_recording_are_those_of_the_run(live, engine):
         for name in ("xyz", "area", "pixels", "colours"):
             np.testing.assert_array_equal(getattr(new.points, name), getattr(old.points, name), strict=True)
         assert after.tracks == before.tracks
-
-
-def test_report_of_a_run_with_maps_shows_the_templates_of_its_people(live, maps):
-    for name in ("tracks.csv", "run.json"):
-        shutil.copy(live[0] / name, maps.parent / name)
-    assert 'alt="Templates"' in write_report(maps.parent).read_text(encoding="utf-8")
 
 
 def test_another_tracker_follows_the_same_maps(cli, maps, tmp_path):

@@ -96,12 +96,8 @@ def write_report(folder: Path, truth: Path | None = None) -> Path:
 
 
 def _pictures(results: RunFolder) -> list[Picture]:
-    """Pictures of the floor, of templates, and of numbers over time."""
+    """Pictures of the floor, and of numbers over time."""
     pictures = _curves(results)
-    templates = plots.plot_templates(results)
-    if templates is not None:
-        note = "Height (above, up to 2 m) and occupancy around each person in the middle of the track, 0.8 m wide."
-        pictures.append(picture("Templates", templates, note, keep_colours=True))
     end_s = results.clock.span(max(1, results.n_frames)).end_s
     crossings = _crossings(results)
     if crossings:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Mapping, Sequence
-from itertools import takewhile
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -13,7 +12,6 @@ import numpy as np
 from calib.types import I64, Bool
 from planview.drawing.style import ERRORS, as_hex
 from planview.evaluation.significant import SignificantError
-from planview.maps.recording import MAPS
 from planview.output.plot import RUN_COLOURS, NamedTracks, Panel, figure_of
 from planview.output.run_folder import RunFolder
 from planview.trajectories.clock import Clock
@@ -106,48 +104,6 @@ def png_bytes(figure: Figure) -> bytes:
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=110, transparent=True)
     return buffer.getvalue()
-
-
-TEMPLATES_MAX = 12
-"""People whose templates are shown, the first ones."""
-
-
-def plot_templates(run: RunFolder) -> bytes | None:
-    """T_H (above) and T_O of people in the middle of their tracks; None without the plan-view maps of the run."""
-    files = [run.path / "maps.h5", run.tracked]
-    maps = next((path for path in files if path is not None and MAPS.fits(path)), None)
-    people = run.people[:TEMPLATES_MAX]
-    if maps is None or not len(people):
-        return None
-    from matplotlib.figure import Figure
-
-    from planview.engine.open import open_engine
-
-    middle_rows = []
-    for person in people:
-        rows = np.flatnonzero(run.of_people & (run.tracks.track_id == person))
-        middle_rows.append(rows[len(rows) // 2])
-    middle = run.tracks.where(np.array(middle_rows))
-    figure = Figure(figsize=(0.75 * len(people) + 0.3, 1.9), layout="constrained")
-    axes = figure.subplots(2, len(people), squeeze=False)
-    # Only the maps are of use: the template tracker is the one that costs little.
-    engine = open_engine(maps, "template")
-    last = middle.frame.max()
-    for frame in takewhile(lambda frame: frame.index <= last, engine.recording):
-        columns = np.flatnonzero(middle.frame == frame.index).tolist()
-        if not columns:
-            continue
-        shown = engine.step(frame).observation.maps
-        if shown is None:
-            continue
-        for n in columns:
-            height, occupancy = shown.around(middle.x_m[n], middle.y_m[n])
-            axes[0, n].set_title(f"{middle.track_id[n]}", fontsize=8)
-            axes[0, n].imshow(height, origin="lower", vmin=0.0, vmax=2.0)
-            axes[1, n].imshow(occupancy, origin="lower")
-    for axis in axes.flat:
-        axis.set_axis_off()
-    return png_bytes(figure)
 
 
 UNHELD = -1
