@@ -5,14 +5,13 @@ from __future__ import annotations
 from functools import singledispatch
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from calib.images import as_colour, as_grey, write_image
 from calib.rig import Floor
 from calib.types import U8
 from planview.checks.heights import heights_above_floor
-from planview.drawing.style import Entry, Rgb, as_bgr, disparity_colours, with_colour_bar, with_legend
+from planview.drawing.style import Entry, Rgb, as_bgr, disparity_colours, with_legend
 from stereo.depth import back_project, median_image
 from stereo.floor import DepthFrames, PairFrames
 from stereo.matcher import SATURATED_LEVEL
@@ -23,6 +22,9 @@ ROW: Rgb = (0, 220, 0)
 ABOVE: Rgb = (230, 40, 40)
 BELOW: Rgb = (60, 90, 255)
 SATURATED: Rgb = (255, 0, 255)
+FAR: Rgb = (48, 18, 59)
+NEAR: Rgb = (122, 4, 3)
+"""Ends of the colours of disparity."""
 
 
 def write_pictures(seen: PairFrames | DepthFrames, floor: Floor | None, folder: Path) -> list[Path]:
@@ -50,8 +52,9 @@ def _disparity_picture(seen: PairFrames | DepthFrames, middle: int) -> U8:
     first_px = seen.searched.first_px
     last_px = first_px + seen.searched.count
     colours = disparity_colours(seen.disparities[middle], first_px, last_px)
-    unknown = Entry((0, 0, 0), "unknown")
-    return with_colour_bar(colours, cv2.COLORMAP_TURBO, f"far: {first_px} px", f"near: {last_px} px", [unknown])
+    return with_legend(
+        colours, [Entry(FAR, f"{first_px} px"), Entry(NEAR, f"{last_px} px"), Entry((0, 0, 0), "unknown")]
+    )
 
 
 @singledispatch

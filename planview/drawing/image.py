@@ -32,7 +32,6 @@ MAX_SAMPLES = 2000
 """A line on the floor is projected every SAMPLE_M, at so many places at most."""
 LEGIBLE_WIDTH_PX = 640
 """Narrower images are enlarged, so that labels are legible."""
-DASH_PX = 6
 WHITE = (255, 255, 255)
 
 
@@ -196,19 +195,13 @@ def _whole_pixels(points: F64, scale: int) -> I32:
 
 
 def _paint_box(picture: U8, person: TrackState, scale: int) -> None:
-    """Draw a person's box: solid if it is confirmed, else dashed."""
+    """Draw a person's box: thick if it is confirmed, else thin."""
     if math.isnan(person.box_px[0]):
         return
     left, top, width, height = (round(scale * value) for value in person.box_px)
     right = left + width
     bottom = top + height
     corners = np.array([(left, top), (right, top), (right, bottom), (left, bottom)])
+    width_px = 2 if person.state == "confirmed" else 1
     colour = person_rgb(person.track_id, person.state)
-    if person.state == "confirmed":
-        paint_line(picture, corners.astype(np.int32), colour, closed=True)
-        return
-    for corner, following in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        dashes = max(1, int(np.abs(following - corner).max()) // DASH_PX)
-        ends = np.linspace(corner, following, 2 * dashes + 1).round().astype(int)
-        for dash in ends[:-1].reshape(dashes, 2, 2):
-            paint_line(picture, dash.astype(np.int32), colour)
+    paint_line(picture, corners.astype(np.int32), colour, width_px, closed=True)

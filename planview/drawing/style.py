@@ -122,22 +122,6 @@ def with_legend(picture: U8, entries: Sequence[Entry]) -> U8:
     return np.vstack([as_colour(picture), strip])
 
 
-def with_colour_bar(picture: U8, colormap: int, low: str, high: str, entries: Sequence[Entry] = ()) -> U8:
-    """The picture, and below it the scale of OpenCV's colormap with its ends in words, then other colours' meaning."""
-    strip = _strip(picture)
-    start = 14 + _width(low)
-    stop = min(strip.shape[1] - 14 - _width(high), start + 256)
-    stop = max(start + 40, stop)
-    levels = np.linspace(0, 255, stop - start).astype(np.uint8)
-    bar = np.asarray(cv2.applyColorMap(np.tile(levels, (13, 1)), colormap), dtype=np.uint8)
-    space = strip[6:19, start:stop]
-    space[:] = bar[:, : space.shape[1]]
-    _write(strip, low, (8, 17))
-    _write(strip, high, (stop + 6, 17))
-    whole = np.vstack([as_colour(picture), strip])
-    return with_legend(whole, entries) if entries else whole
-
-
 def _strip(picture: U8) -> U8:
     return np.full((STRIP_PX, picture.shape[1], 3), _PAPER, dtype=np.uint8)
 

@@ -1,6 +1,5 @@
 import math
 
-import cv2
 import numpy as np
 import pytest
 from toy_tracks import positions_table
@@ -12,7 +11,7 @@ from planview.drawing.image import ImagePainter
 from planview.drawing.people import ARROW_M, AXIS_M, Snapshot, facing_line, snapshot_at
 from planview.drawing.plan import PlanBounds, PlanPainter, bounds_of
 from planview.drawing.rules import Rule, rules_of
-from planview.drawing.style import STRIP_PX, Entry, Labels, as_bgr, with_colour_bar, with_legend
+from planview.drawing.style import STRIP_PX, Entry, Labels, as_bgr, with_legend
 from planview.trajectories.plot import person_rgb
 from planview.trajectories.state import TrackState
 
@@ -118,10 +117,3 @@ def test_legend_lies_below_the_picture_and_goes_on_in_another_strip():
     assert all((shown[50:] == colour).all(axis=2).any() for colour in ((0, 0, 255), (255, 0, 0)))
     picture = np.zeros((50, 120, 3), dtype=np.uint8)
     assert with_legend(picture, [Entry((9, 9, 9), "a long meaning")] * 3).shape[0] == 50 + 3 * STRIP_PX
-
-
-def test_colour_bar_goes_from_the_low_to_the_high_end():
-    shown = with_colour_bar(np.zeros((50, 400, 3), dtype=np.uint8), cv2.COLORMAP_TURBO, "far", "near")
-    bar = shown[50 + 12].astype(int)
-    blue, red = np.argmax(bar[:, 0] - bar[:, 2]), np.argmax(bar[60:320, 2] - bar[60:320, 0]) + 60
-    assert blue < red
