@@ -1,8 +1,8 @@
 """Reasons why truth and tracks do not fit together: hypotheses about either table, each undone and scored.
 
 Axes, units, numbers of frames and forms of boxes are tried. A shift in time and an offset in the plane are not tried
-but voted for, by pairs of rows that are near each other or move alike and by pairs of rows of one frame (as a Hough
-transform does). Any other turn or scale is fitted to a track and a person.
+but voted for, by pairs of rows that are near each other and by pairs of rows of one frame (as a Hough transform does).
+Any other turn or scale is fitted to a track and a person.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from planview.evaluation.align import complex_places, fit_turn, paths_to_lay
 from planview.evaluation.places import (
     CLOSE_M,
     Places,
-    movements,
     near_unit,
     places_of,
     share_near,
@@ -46,7 +45,7 @@ VOTED_ON = 1500
 PER_CHANGE = 1.03
 """Odds against each change: so much more of the rows it must bring near a track (our choice)."""
 CHANGES_MAX = 2
-"""Changes tried together, besides a shift and an offset."""
+"""Changes tried together, besides a shift or an offset."""
 ALIKE = 1.01
 """Two hypotheses under which about the same rows are near a track explain them alike."""
 TURNED_DEG = 1.0
@@ -73,10 +72,6 @@ class Reference:
     @cached_property
     def voters(self) -> Places:
         return self.places.spread(VOTED_ON)
-
-    @cached_property
-    def movements(self) -> Places:
-        return movements(self.table, self.places).spread(VOTED_ON)
 
     def places_of(self, table: Trajectories) -> Places:
         return places_of(table, self.on_floor, self.unit)
@@ -240,16 +235,10 @@ def hypotheses(tables: Tables, truth: Trajectories) -> Iterator[Hypothesis[Table
 
 
 def _moves(tables: Tables) -> Iterator[Hypothesis[Tables]]:
-    """A shift in time, an offset, and both, as pairs of rows vote for them."""
-    rows = tables.places
+    """A shift in time, and an offset, as pairs of rows vote for them."""
     tracks = tables.tracks
-    yield _later(vote_shift(rows, tracks.voters))
-    yield _away(vote_offset(rows, tracks.voters), tracks)
-    # Where people are does not show the shift, but how they move does.
-    frames = vote_shift(movements(tables.truth, rows), tracks.movements)
-    offset = vote_offset(rows.moved(frames, 0.0), tracks.voters)
-    frames = vote_shift(rows.moved(0, offset), tracks.voters)
-    yield _later(frames).and_then(_away(offset, tracks))
+    yield _later(vote_shift(tables.places, tracks.voters))
+    yield _away(vote_offset(tables.places, tracks.voters), tracks)
 
 
 def _later(frames: int) -> Hypothesis[Tables]:

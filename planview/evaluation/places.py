@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.types import F64, I64
 from planview.evaluation.metrics import pairs_in_frames
-from planview.trajectories.table import Trajectories, rows_by_id
+from planview.trajectories.table import Trajectories
 
 CLOSE_M = 0.4
 """Rows that are nearer than this are near on the floor [m]: a torso's width."""
@@ -19,8 +19,6 @@ CLOSE_BOX = 0.3
 """The same in the image, in heights of the median box."""
 FRAME_APART = 10.0
 """Rows of different frames are so far from each other."""
-MOVED_FRAMES = 20
-"""Frames over which rows that move alike do so."""
 VOTES_MIN = 20
 """Fewest pairs of rows that vote for an offset."""
 
@@ -55,9 +53,6 @@ class Places:
             return self
         rows = np.linspace(0, len(self) - 1, most).astype(int)
         return Places(self.frame[rows], self.at[rows])
-
-    def moved(self, frames: float, offset: F64 | float) -> Places:
-        return Places(self.frame + frames, self.at + offset)
 
 
 def tree_of(points: F64) -> Any:
@@ -107,18 +102,6 @@ def share_near(rows: Places, others: Places) -> float:
     served = len(np.unique(nearest[nearest >= 0]))
     covered = (rows.frame >= others.frame.min()) & (rows.frame <= others.frame.max())
     return served / max(1, int(np.count_nonzero(covered)), len(rows) // 3)
-
-
-def movements(table: Trajectories, places: Places) -> Places:
-    """Offsets to where people are MOVED_FRAMES later; only of those who are seen so long."""
-    offsets = np.full(places.at.shape, np.nan)
-    for _, rows in rows_by_id(table.track_id):
-        frame = places.frame[rows]
-        for axis, place in enumerate(places.at[rows].T):
-            later = np.interp(frame + MOVED_FRAMES, frame, place, right=np.nan)
-            offsets[rows, axis] = later - place
-    is_seen = np.isfinite(offsets).all(axis=1)
-    return Places(places.frame[is_seen], offsets[is_seen])
 
 
 def vote_shift(rows: Places, others: Places) -> int:

@@ -62,10 +62,6 @@ def named_by(truth: Trajectories, tracks: Trajectories, on_floor: bool = True) -
             lambda t: replace(t, x_m=-t.x_m, frame=t.frame + 40),
             "is mirrored and the truth's frames are numbered 40 hi",
         ),
-        (
-            lambda t: replace(t, frame=t.frame + 30, y_m=t.y_m - 3),
-            "30 higher than those of the tracks and the truth is +0.00, -3.00 m from",
-        ),
         (lambda t: laid(t, np.exp(0.5j)), "the truth is turned by 29 degrees"),
         (lambda t: laid(t, -1.2), "180 degrees and has places 1.2 times as far apart"),
         (lambda t: replace(t, frame=2 * t.frame), "the truth has 2 numbers for each frame"),
