@@ -20,7 +20,7 @@ from calib.types import AnyArray
 from planview.checks.motion import MotionWatch
 from planview.checks.scene import delay_of
 from planview.synthetic.assets import DEMO
-from stereo.doctor.diagnose import diagnose, diagnose_fields, place_of_depth
+from stereo.doctor.diagnose import diagnose, place_of_depth
 from stereo.doctor.hypotheses import REGISTER
 from stereo.readers import open_any
 from stereo.recording import Decoded, DepthCamera, Frame, Recording, Shot, StereoPair
@@ -36,23 +36,15 @@ Images = Callable[[AnyArray, AnyArray], tuple[AnyArray, AnyArray]]
 
 class Fault(NamedTuple):
     """What is done to a recording: to the images, or image and stored depth, of a frame, to the sensor, and by how many
-    frames the second camera is late, or the second field of both cameras' images if they are woven."""
+    frames the second camera is late."""
 
     name: str
     images: Images | None = None
     sensor: Callable[[Any], Any] | None = None
     late: int = 0
-    woven: bool = False
 
 
 NOT_SYNCHRONOUS = "the cameras are not synchronous, or one of them is numbered one higher"
-
-
-def _woven(now: AnyArray, later: AnyArray) -> AnyArray:
-    """The even rows of one image and the odd ones of a later one."""
-    image = now.copy()
-    image[1::2] = later[1::2]
-    return image
 
 
 def upside_down(image: AnyArray) -> AnyArray:
@@ -101,7 +93,6 @@ def pair_faults(rig: StereoRig) -> list[Fault]:
         Fault("the baseline is in millimetres", sensor=apart(1000.0)),
         Fault("the baseline is in centimetres", sensor=apart(100.0)),
         Fault("the baseline is in inches, or in squares of about 25 mm", sensor=apart(40.0)),
-        Fault("each image is woven of two fields of different times", late=1, woven=True),
         Fault(NOT_SYNCHRONOUS, late=1),
         Fault(NOT_SYNCHRONOUS, late=2),
     ]
@@ -178,15 +169,12 @@ def faulty(recording: Recording[Any], fault: Fault, read: Read) -> Recording[Any
 
     def decode(indices: Sequence[int] | None) -> Generator[tuple[Decoded, Decoded], None, None]:
         frames = [i for i in (range(last + 1) if indices is None else indices) if i <= last]
-        for (a, now), (later, b) in zip(read(frames), read([i + fault.late for i in frames]), strict=True):
+        for (a, now), (_, b) in zip(read(frames), read([i + fault.late for i in frames]), strict=True):
             # The second camera shows at ``now`` what the first shows later.
             first = a.image
             second = b.image
-            if first is None or second is None or later.image is None or now.image is None:
+            if first is None or second is None:
                 continue
-            if fault.woven:
-                first = _woven(first, later.image)
-                second = _woven(now.image, second)
             first, second = fault.images(first, second) if fault.images else (first, second)
             first = np.ascontiguousarray(first)
             second = kind.read(np.ascontiguousarray(second), sensor)
@@ -208,7 +196,7 @@ def named(recording: Recording[Any], consecutive: bool) -> str:
 
 
 def _pair_finding(recording: Recording[Any], spread: Sequence[Frame[Shot]]) -> Finding | None:
-    return diagnose_fields(spread) or diagnose(recording)
+    return diagnose(recording)
 
 
 def _depth_finding(recording: Recording[Any], spread: Sequence[Frame[Shot]]) -> Finding | None:

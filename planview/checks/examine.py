@@ -21,7 +21,6 @@ from calib.world import RIGS_FILE
 from planview.checks.check import Check
 from planview.checks.heights import height_check, person_heights
 from planview.checks.images import (
-    fields_checks,
     flicker_check,
     grey_level,
     image_checks,
@@ -159,7 +158,7 @@ def _checks_of_images(spread: Sequence[Frame[Shot]], run: Sequence[Frame[Shot]])
     """Copies and light of images that are no pair."""
     light = light_checks([frame.image for frame in spread])
     copies = repeated_check([frame.image for frame in run])
-    return [copies, *light, *fields_checks(spread), _flicker_of_run(run)]
+    return [copies, *light, _flicker_of_run(run)]
 
 
 def _flicker_of_run(run: Sequence[Frame[Shot]]) -> Check:

@@ -12,7 +12,6 @@ from calib.doubt import Finding
 from calib.images import as_grey
 from calib.types import U8
 from planview.checks.check import Check, limit_check
-from stereo.doctor.diagnose import diagnose_fields
 from stereo.matcher import SATURATED_LEVEL
 from stereo.recording import Frame, Shot
 from stereo.viewpoint import SWAY_DEG, SpreadView, Standing, Sway
@@ -38,7 +37,6 @@ def image_checks(frames: Sequence[Frame[Shot]]) -> list[Check]:
         # Grey steps at the borders of blocks over those inside, which match at the same place in both cameras and
         # pull disparities there. Images as recorded have 0.7 to 1.3, JPEG of quality 10 has 5 and loses the floor.
         limit_check("compression", blocks, "", steps, most=2.0),
-        *fields_checks(frames),
     ]
 
 
@@ -49,12 +47,6 @@ def _median_of(measure: Callable[[U8], float], images: Sequence[U8]) -> float:
 def explained_check(name: str, finding: Finding | None, note: str, *, warns: bool = False) -> Check:
     """Fails where something is explained by what should not be so."""
     return Check(name, finding is None, math.nan, note=str(finding or note), warns=warns)
-
-
-def fields_checks(frames: Sequence[Frame[Shot]]) -> list[Check]:
-    """A warning where the images of one camera, or of the left one of a pair, are woven of two fields."""
-    finding = diagnose_fields(frames)
-    return [explained_check("fields", finding, "", warns=True)] if finding else []
 
 
 def light_checks(*cameras: Sequence[U8]) -> list[Check]:

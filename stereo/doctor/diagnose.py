@@ -16,7 +16,6 @@ from stereo.depth import metres
 from stereo.doctor.hypotheses import (
     BASELINES,
     DEPTHS,
-    FIELDS,
     MOUNTS,
     OFFSET_DEPTH,
     PAIRS,
@@ -29,9 +28,7 @@ from stereo.doctor.pairs import (
     ROWS_WEIGHT,
     WIDTH,
     Pairs,
-    fields_score,
     rows_score,
-    thin_greys,
 )
 from stereo.doctor.scenes import PLAUSIBLE, DepthScene, StoredDepth, floor_score, floor_view
 from stereo.floor import FloorSearch
@@ -92,11 +89,6 @@ DIAGNOSES: dict[type, Callable[[Any, FloorSearch], Finding | None]] = {
     DepthCamera: diagnose_depth,
 }
 """By what recorded it, what explains a recording."""
-
-
-def diagnose_fields(frames: Sequence[Frame[Shot]]) -> Finding | None:
-    """Whether images are woven of two fields: where something moves, every second row shows it elsewhere."""
-    return best(thin_greys(frames), [FIELDS], fields_score) if frames else None
 
 
 def _by_floor(scene: DepthScene, hypotheses: Sequence[Hypothesis[DepthScene]], search: FloorSearch) -> Finding | None:

@@ -99,12 +99,6 @@ PAIRS = (
     Hypothesis("the calibration is that of images half the size", SCALED, _rig(_of_images(0.5))),
 )
 """Of the images and the calibration of a pair: rows show them."""
-FIELDS = Hypothesis[list[F32]](
-    "each image is woven of two fields of different times",
-    "deinterlace it (ffmpeg -vf yadif)",
-    lambda images: [image[::2] for image in images],
-)
-"""Of what moves, which has combed edges."""
 
 
 def _baseline(name: str, unit_m: float) -> Hypothesis[DepthScene]:
@@ -207,7 +201,7 @@ LATE = {
 }
 """Of time: what moves, moves in both at once."""
 BY_KIND: dict[str, tuple[Hypothesis[Any], ...]] = {
-    "images and calibration of a pair": (*PAIRS, *RAW_PAIRS, FIELDS),
+    "images and calibration of a pair": (*PAIRS, *RAW_PAIRS),
     "baseline": BASELINES,
     "mount": MOUNTS,
     "depth": DEPTHS,

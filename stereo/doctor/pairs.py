@@ -11,13 +11,10 @@ from typing import Literal
 import numpy as np
 
 from calib.doubt import Score
-from calib.images import as_grey
 from calib.rig import StereoRig
-from calib.types import F32, F64, AnyArray
-from stereo.depth import median_image
+from calib.types import F64, AnyArray
 from stereo.doctor.scenes import DepthScene
 from stereo.matcher import DisparityRange, SgbmMatcher
-from stereo.recording import Frame, Shot
 from stereo.rectify import Rectified, Rectifier, RectifyParams, is_ideal
 from stereo.rig_correction import match_corners
 
@@ -139,23 +136,3 @@ def rows_score(pairs: Pairs) -> Score:
     share = pairs.aligned
     value = ROWS_WEIGHT * math.log(share) if share >= LEAST_ALIGNED else -math.inf
     return Score(value, f"matched corners are on their rows within {pairs.rows_px:.1f} px of 640")
-
-
-def fields_score(images: Sequence[F32]) -> Score:
-    """Neighbouring rows that are alike where something moves: rows of fields of another time are not."""
-    usual = median_image(images)
-    steps = 0.0
-    counted = 0
-    for image in images:
-        moved = np.abs(image - usual) > CHANGE_LEVEL
-        moving = moved[:-1] | moved[1:]
-        steps += float(np.abs(image[1:] - image[:-1])[moving].sum())
-        counted += int(np.count_nonzero(moving))
-    level = steps / max(counted, 1)
-    value = -math.log(max(level, 1.0)) if steps > CHANGE_LEVEL * WIDTH else 0.0
-    return Score(value, f"rows next to each other differ by {level:.0f} grey levels")
-
-
-def thin_greys(frames: Sequence[Frame[Shot]]) -> list[F32]:
-    """Every fourth column of the first images (for speed)."""
-    return [np.asarray(as_grey(frame.image)[:, ::4], dtype=np.float32) for frame in frames]

@@ -2,7 +2,7 @@
 
 import pytest
 
-from stereo.doctor.diagnose import diagnose, diagnose_fields, place_of_depth
+from stereo.doctor.diagnose import diagnose, place_of_depth
 from stereo.readers import OpenOptions, open_any
 from stereo.recording import StereoPair
 
@@ -32,7 +32,7 @@ def test_the_doctor_is_silent_on_a_healthy_recording(shared_data, name):
     recording = open_any(path, OpenOptions(fps=5.0))
     frames = recording.sample(8)
     if isinstance(recording.sensor, StereoPair):
-        findings = [diagnose_fields(frames), diagnose(recording)]
+        findings = [diagnose(recording)]
     else:
         findings = [place_of_depth(frames).finding, diagnose(recording)]
     assert [str(finding) for finding in findings if finding] == []

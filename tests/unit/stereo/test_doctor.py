@@ -18,7 +18,7 @@ from calib.pose import SE3
 from calib.rig import Floor, StereoRig
 from calib.types import F32, U8, AnyArray
 from stereo.depth import Depths
-from stereo.doctor.diagnose import diagnose, diagnose_fields, place_of_depth
+from stereo.doctor.diagnose import diagnose, place_of_depth
 from stereo.doctor.hypotheses import HYPOTHESES, MOUNTS
 from stereo.doctor.scenes import NO_FLOOR, FloorView, floor_score
 from stereo.recording import Decoded, DepthCamera, Frame, FrameClock, Recording, Shot, StereoPair
@@ -145,19 +145,6 @@ def test_a_ceiling_as_large_as_the_floor_does_not_turn_the_camera(plausible, is_
     upside_down = replace(MOUNTS[0], undo=lambda view: CEILING)
     finding = best(as_recorded, [upside_down], lambda view: floor_score(view, as_recorded))
     assert (finding is not None) == is_turned
-
-
-def test_images_woven_of_two_fields_are_named_where_something_moves():
-    images = [np.full((80, 100), 40, np.uint8) for _ in range(6)]
-    for i, image in enumerate(images):
-        image[20:60, 5 + 15 * i : 15 + 15 * i] = 200
-    woven = [now.copy() for now in images[:-1]]
-    for image, later in zip(woven, images[1:], strict=True):
-        image[1::2] = later[1::2]
-    frames, whole = ([Frame[Shot](i, 0.1 * i, ((one,),)) for i, one in enumerate(each)] for each in (woven, images))
-    finding = diagnose_fields(frames)
-    assert finding is not None and finding.names == "each image is woven of two fields of different times"
-    assert diagnose_fields(whole) is None
 
 
 RAY: F32 = np.linalg.norm(
