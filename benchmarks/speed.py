@@ -10,7 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
+from functools import partial, singledispatch
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -163,14 +163,31 @@ class BareStereo:
         return self._sgbm.compute(*rectified)
 
 
+@singledispatch
+def bare_of(recorded: object) -> dict[str, BareStereo]:
+    """Bare stereo, in grey and in colour, of the pairs that one sensor recorded; none where it cannot be."""
+    return {}
+
+
+@bare_of.register(Recording)
+def _bare_of_recording(recording: Recording[Any]) -> dict[str, BareStereo]:
+    return bare_of(recording.sensor)
+
+
+@bare_of.register
+def _bare_of_pair(sensor: StereoPair) -> dict[str, BareStereo]:
+    if sensor.rig.left.model == "fisheye":
+        return {}
+    return {"grey": BareStereo(sensor.rig, True), "colour": BareStereo(sensor.rig, False)}
+
+
 def bare_rows(engine: Engine, frames: Sequence[Frame[Shot]]) -> list[Row]:
     """Processor time of the engine over that of bare stereo in colour and in grey, of the same frames in turns."""
-    sensor = engine.recording.sensor if isinstance(engine.recording, Recording) else None
-    if not isinstance(sensor, StereoPair) or sensor.rig.left.model == "fisheye":
+    bare = bare_of(engine.recording)
+    if not bare:
         return []
-    bare = {"grey": BareStereo(sensor.rig, True)}
-    if frames[0].image.ndim == 3:
-        bare["colour"] = BareStereo(sensor.rig, False)
+    if frames[0].image.ndim == 2:
+        del bare["colour"]
     rows = []
     engine.reset()
     for frame in frames:

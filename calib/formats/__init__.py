@@ -238,8 +238,7 @@ def _form_to_write(path: Path, key: str | None) -> Format:
         if form.key == key or (key is None and suffix and form.suffix == suffix):
             return form
     keys = ", ".join(form.key for form in WRITTEN)
-    actual = repr(key) if key else f"none with the suffix of {path.name!r}"
-    raise InputError(f"{path}: expected a format of {keys}, found {actual}")
+    raise InputError(f"expected a format of {keys}, found {key or path.name!r}", argument="to")
 
 
 def refuse_strange_camera(camera: Camera, side: str) -> None:

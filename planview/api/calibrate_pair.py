@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
+from calib.board.detect import SIDES
 from calib.board.solve import BoardCalibration
 from calib.camera import LensModel
 from calib.errors import InputError, WorkError
-from calib.formats import WRITTEN, calibration_files, load_rig, write_rig
+from calib.formats import calibration_files, load_rig, write_rig
 from calib.io import parse_length, parse_size
 from calib.rig import StereoRig
 from planview.api.arguments import Settings, in_range, one_of, path_of, settings
-from planview.api.result import Result, aligned
+from planview.api.result import Result, plain_values
 from planview.calibration.align import align_recordings
 from planview.calibration.board import BoardRequest, calibrate_board, parse_board, parse_square
 from planview.evaluation.paths import RigAlignment
@@ -62,9 +62,13 @@ def align(
     file = path_of(out)
     paths = [Path(sensor) for sensor in sensors]
     alignments = align_recordings(paths, file, settings(config, overrides), fps, clock)
-    text = "\n".join(_alignment_text(path.name, one) for path, one in zip(paths[1:], alignments, strict=True))
-    rows = [_alignment_values(path, one) for path, one in zip(paths[1:], alignments, strict=True)]
-    return Result(alignments, text, {"sensors": rows}, rows, [file] if file else [])
+    rows = [{"sensor": str(path)} for path in paths[1:]]
+    for row, alignment in zip(rows, alignments, strict=True):
+        row |= plain_values(
+            alignment, "heading_rad", "heading_std_rad", "x_m", "y_m", "position_std_m", "clock_s", "clock_std_s",
+            "residual_m", "shared_s",
+        )  # fmt: skip
+    return Result(alignments, {"sensors": rows}, rows, [file] if file else [])
 
 
 def board(
@@ -112,7 +116,24 @@ def board(
     lens = None if model == "auto" else model
     request = BoardRequest(known, square_m, dictionary is None, marker is None, lens)
     found, files = calibrate_board(Path(images), request, Path(out), progress)
-    return Result(found, _board_text(found), _board_values(found, files), files=files)
+    errors = zip(found.views, found.fit.view_rms_px().tolist(), strict=True)
+    views = [{"view": view.name, "rms_px": rms_px} for view, rms_px in errors]
+    rejected = [{"name": view.name, "why": view.why} for view in found.rejected]
+    values = {
+        "board": found.board.name,
+        "model": found.rig.left.model,
+        "stereo_rms_px": found.fit.rms_px,
+        **plain_values(found, "row_rms_px", "baseline_squares"),
+        "baseline_m": found.rig.baseline_m,
+        "baseline_std_m": found.std["baseline"],
+        "views_used": len(views),
+        "views_rejected": rejected,
+        "held_out_px": {lens.name: lens.held_out_px for lens in found.lenses},
+        "coverage": {side: found.coverage_share(side) for side in SIDES},
+        "views": views,
+        "std": found.std,
+    }
+    return Result(found, values, views, files)
 
 
 def convert(
@@ -151,10 +172,6 @@ def convert(
     """
     source = Path(source)
     out = Path(out)
-    if to is None and out.suffix.lower() not in {one.suffix for one in WRITTEN if one.suffix}:
-        keys = ", ".join(one.key for one in WRITTEN)
-        problem = f"expected {keys} for {out}, because no format has the suffix of {out.name!r}"
-        raise InputError(problem, argument="to")
     rig = load_rig(
         source,
         None if size is None else parse_size(size, "size="),
@@ -166,11 +183,8 @@ def convert(
     if rectified:
         rig = rectified_rig(rig)
     files = write_rig(rig, out, to, calibration_files(source))
-    left = rig.left
-    values = {"source": rig.source, "baseline_m": rig.baseline_m, "width": left.width, "height": left.height}
-    values |= {"model": left.model, "files": [str(path) for path in files]}
-    text = f"{rig.source}: baseline {rig.baseline_m:.4f} m, {left.width}x{left.height}"
-    return Result(rig, text, values, files=files)
+    values = {"source": rig.source, "baseline_m": rig.baseline_m, **plain_values(rig.left, "width", "height", "model")}
+    return Result(rig, values, files=files)
 
 
 def _two_names(text: str) -> tuple[str, str]:
@@ -216,61 +230,3 @@ def ui(
         raise WorkError(f'the page needs the extra "ui" (pip install "planview[ui]"): {error}') from error
     refuse_used(port)
     serve(open_session(Path(recording), path_of(calibration)), Path(out), port)
-
-
-def _alignment_text(name: str, a: RigAlignment) -> str:
-    """One alignment with the deviation of each value."""
-    return (
-        f"{name}: heading {math.degrees(a.heading_rad):.2f} ± {math.degrees(a.heading_std_rad):.2f} degrees, "
-        f"camera at x {a.x_m:.3f}, y {a.y_m:.3f} m (± {a.position_std_m:.3f} m where people met), "
-        f"clock {a.clock_s:+.3f} ± {a.clock_std_s:.3f} s; people met for {a.shared_s:.0f} s, "
-        f"{100 * a.residual_m:.1f} cm apart"
-    )
-
-
-def _alignment_values(path: Path | str, a: RigAlignment) -> dict[str, Any]:
-    values = {name: getattr(a, name) for name in ("x_m", "y_m", "position_std_m", "residual_m", "shared_s")}
-    heading = {"heading_deg": math.degrees(a.heading_rad), "heading_std_deg": math.degrees(a.heading_std_rad)}
-    return {"sensor": str(path), **heading, **values, "start_s": a.clock_s, "start_std_s": a.clock_std_s}
-
-
-def _board_text(found: BoardCalibration) -> str:
-    rig = found.rig
-    std = found.std
-    lines = [f"not used: {one.name}: {one.why}" for one in found.rejected]
-    lines.append(f"{found.board.name}, {len(found.views)} pairs, {rig.left.width}x{rig.left.height}")
-    table = [("", "left", "right")]
-    for key in ("fx", "fy", "cx", "cy"):
-        left, right = (f"{getattr(getattr(rig, s), key):.2f} ± {std[f'{s} {key}']:.2f} px" for s in ("left", "right"))
-        table.append((key, left, right))
-    left, right = (f"{100 * found.coverage_share(side):.0f} %" for side in ("left", "right"))
-    table.append(("image covered", left, right))
-    lines.append(aligned(table))
-    for lens in found.lenses:
-        chosen = "  <- chosen" if lens is found.chosen_lens else ""
-        lines.append(f"{lens.name}: {lens.held_out_px:.4f} px on views left out{chosen}")
-    lines.append(
-        f"baseline {1000 * rig.baseline_m:.2f} ± {1000 * std['baseline']:.2f} mm "
-        f"({found.baseline_squares:.3f} squares), stereo rms {found.fit.rms_px:.3f} px, "
-        f"rows after rectification {found.row_rms_px:.3f} px"
-    )
-    return "\n".join(lines)
-
-
-def _board_values(result: BoardCalibration, files: Sequence[Path]) -> dict[str, Any]:
-    return {
-        "stereo_rms_px": result.fit.rms_px,
-        "baseline_m": result.rig.baseline_m,
-        "baseline_squares": result.baseline_squares,
-        "baseline_std_m": result.std["baseline"],
-        "views_used": len(result.views),
-        "views_rejected": [{"name": one.name, "why": one.why} for one in result.rejected],
-        "row_rms_px": result.row_rms_px,
-        "board": result.board.name,
-        "model": result.rig.left.model,
-        "lenses": [{"name": one.name, "held_out_px": one.held_out_px} for one in result.lenses],
-        "views": {v.name: float(r) for v, r in zip(result.views, result.fit.view_rms_px(), strict=True)},
-        "std": result.std,
-        "coverage": {side: result.coverage_share(side) for side in ("left", "right")},
-        "files": [str(path) for path in files],
-    }

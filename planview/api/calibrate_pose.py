@@ -7,7 +7,6 @@ import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from calib.pose import SE3
 from calib.rig import Floor
 from calib.world import load_world, save_world
 from planview.api.arguments import Settings, in_range, one_of, path_of, settings
-from planview.api.result import Result
+from planview.api.result import Result, plain_values
 from planview.calibration.floor import FloorDepths, floor_from_tracks, parse_points
 from planview.calibration.people import collect_samples, people_picture
 from planview.engine.setup import floor_search
@@ -107,7 +106,14 @@ def floor(
                 save_world(found, file)
             else:
                 write_image(file, view.picture(found))
-    return Result(found, _floor_text(found), _floor_values(found, target, image), files=files)
+    values = plain_values(
+        found, "height_m", "tilt_rad", "roll_rad", "inlier_fraction", "residual_m", "extent_m", "doubt"
+    )
+    if found.covariance is not None:
+        height_m, tilt_rad, roll_rad = np.sqrt(found.covariance.diagonal()).tolist()
+        values |= {"height_std_m": height_m, "tilt_std_deg": math.degrees(tilt_rad)}
+        values["roll_std_deg"] = math.degrees(roll_rad)
+    return Result(found, values | {"world": target and str(target)}, files=files)
 
 
 def _floor_of_run(recording: Recording[StereoPair | DepthCamera], tracks: Path) -> Floor:
@@ -122,36 +128,6 @@ def _floor_of_run(recording: Recording[StereoPair | DepthCamera], tracks: Path) 
         run = tracks.with_name("run.json")
         raise InputError(f"{run}: no run.json or world.toml gives the floor of that run")
     return Floor(SE3.from_matrix(floor.world_SE3_left))
-
-
-def _floor_text(floor: Floor) -> str:
-    text = (
-        f"camera {floor.height_m:.3f} m above the floor, tilt {math.degrees(floor.tilt_rad):.2f} and roll "
-        f"{math.degrees(floor.roll_rad):.2f} degrees"
-    )
-    if math.isfinite(floor.inlier_fraction):
-        text += f"; {floor.inlier_fraction:.0%} of the depth lies on it"
-    if math.isfinite(floor.residual_m):
-        text += f", {1000 * floor.residual_m:.0f} mm rms from it"
-    if floor.covariance is not None:
-        height, *angles = np.sqrt(floor.covariance.diagonal()).tolist()
-        text += f"; height known to {100 * height:.1f} cm, angles to {math.degrees(max(angles)):.2f} degrees"
-    return text
-
-
-def _floor_values(floor: Floor, target: Path | None, image: Path | None) -> dict[str, Any]:
-    fit = {name: getattr(floor, name) for name in ("inlier_fraction", "residual_m")}
-    values: dict[str, Any] = {
-        "height_m": floor.height_m,
-        "tilt_deg": math.degrees(floor.tilt_rad),
-        "roll_deg": math.degrees(floor.roll_rad),
-        **{name: value if math.isfinite(value) else None for name, value in fit.items()},
-    }
-    if floor.covariance is not None:
-        height, tilt, roll = np.sqrt(floor.covariance.diagonal()).tolist()
-        values |= {"height_std_m": height, "tilt_std_deg": math.degrees(tilt), "roll_std_deg": math.degrees(roll)}
-    files = {name: path and str(path) for name, path in (("world", target), ("picture", image))}
-    return {**values, "extent_m": floor.extent_m, **files}
 
 
 def human(
@@ -239,7 +215,17 @@ def human(
         write_image(picture, people_picture(found, taken, video))
         if auto:
             write_samples(taken, file.with_suffix(".samples.json"), found.camera.size)
-    return Result(found, _camera_text(found), _camera_values(found, file), files=[file, picture])
+    camera = found.camera
+    std = found.std
+    values = plain_values(camera, "height_m", "tilt_rad", "roll_rad", "focal_px", "lens")
+    values |= {"height_std_m": std.height * camera.height_m, "focal_std_px": std.focal * camera.focal_px}
+    values |= {"tilt_std_deg": math.degrees(std.tilt_rad), "roll_std_deg": math.degrees(std.roll_rad)}
+    values |= plain_values(found.assessment, "enough", "floor_error_m", "sentence")
+    if found.assessment.next_sample is not None:
+        values["next_sample_px"] = found.assessment.next_sample.foot_px
+    values |= plain_values(found, "error", "boxes_only")
+    values |= {"samples": len(taken), "odd_samples": [number + 1 for number in found.odd]}
+    return Result(found, values, files=[file, picture])
 
 
 def _in_arguments(problem: str) -> str:
@@ -263,48 +249,3 @@ def _size(
         if (w, h) != (width, height):
             raise InputError(f"{first}: expected the image size of {source}, {w}x{h}, found {width}x{height}")
     return width, height
-
-
-def _camera_text(found: HumanCalibration) -> str:
-    camera = found.camera
-    std = found.std
-    lines = [
-        f"camera {camera.height_m:.2f} m (+-{std.height * camera.height_m:.2f}) above the floor, tilt "
-        f"{math.degrees(camera.tilt_rad):.1f} (+-{math.degrees(std.tilt_rad):.1f}) degrees, roll "
-        f"{math.degrees(camera.roll_rad):.1f} (+-{math.degrees(std.roll_rad):.1f}), focal length {camera.focal_px:.0f} "
-        f"(+-{std.focal * camera.focal_px:.0f}) px, lens {camera.lens}; error {found.error:.3f} over "
-        f"{len(found.sample_errors)} samples"
-    ]
-    if found.odd:
-        lines.append(f"samples that fit badly, look at them again: {', '.join(str(i + 1) for i in found.odd)}")
-    if found.boxes_only:
-        lines.append("heads and feet are the middles of the boxes' edges: the focal length rests on the lens class")
-    return "\n".join([*lines, found.assessment.sentence])
-
-
-def _camera_values(found: HumanCalibration, out: Path) -> dict[str, Any]:
-    camera = found.camera
-    std = found.std
-    verdict = found.assessment
-    following = verdict.next_sample
-    return {
-        "height_m": camera.height_m,
-        "tilt_deg": math.degrees(camera.tilt_rad),
-        "roll_deg": math.degrees(camera.roll_rad),
-        "focal_px": camera.focal_px,
-        "lens": camera.lens,
-        "error": found.error,
-        "height_std_m": std.height * camera.height_m,
-        "tilt_std_deg": math.degrees(std.tilt_rad),
-        "focal_std_px": std.focal * camera.focal_px,
-        "roll_std_deg": math.degrees(std.roll_rad),
-        "enough": verdict.enough,
-        "floor_error_m": round(verdict.floor_error_m, 3) if math.isfinite(verdict.floor_error_m) else None,
-        "verdict": verdict.sentence,
-        "next_sample_px": None if following is None else [round(v, 1) for v in following.foot_px],
-        "odd_samples": [i + 1 for i in found.odd],
-        "sample_errors": [round(float(e), 4) for e in found.sample_errors],
-        "samples": len(found.sample_errors),
-        "boxes_only": found.boxes_only,
-        "camera": str(out),
-    }

@@ -7,7 +7,6 @@ from dataclasses import replace
 from functools import singledispatch
 from pathlib import Path
 
-from calib.errors import InputError
 from calib.io import parse_length
 from calib.rig import save_rig
 from planview.api.arguments import Settings, in_range, opening, path_of, settings
@@ -18,7 +17,6 @@ from planview.checks.examine import Diagnosis, examine
 from planview.checks.pictures import write_pictures
 from planview.engine.setup import floor_search
 from stereo.floor import PairFrames
-from stereo.readers.open import is_multi_rig
 
 
 def check(
@@ -72,28 +70,21 @@ def check(
     """
     path = Path(recording)
     options = opening(calibration, fps, topics, right)
-    foreign = calibration or topics or right or corrected_rig
-    if foreign is not None and is_multi_rig(path):
-        raise InputError(f"{foreign}: expected none of it for {path}, whose sensors have their own")
     if quick:
         found = contents_of(path, options)
-        return Result(found, found.text(), found.values, found.rows, ok=not found.missing)
+        values = found.values | {"missing": [str(error) for error in found.missing]}
+        return Result(found, values, found.cameras, ok=not found.missing)
     in_range("frames", frames, 4, 2000)
     height_m = None if person_height is None else _height(str(person_height))
     search = floor_search(settings(config, overrides))
     diagnosis = examine(path, options, frames=frames, person_height_m=height_m, search=search)
     checks = diagnosis.checks
-    values = [check.to_json() for check in checks]
+    rows = [check.to_json() for check in checks]
     correction = _correction(diagnosis.seen, path_of(corrected_rig))
     ok = not any(check.failed for check in checks)
-    return Result(
-        checks,
-        "\n".join([*verdict(checks), _table(checks)]),
-        {"ok": ok, "checks": values, "correction": correction},
-        values,
-        [] if out is None else _write_pictures(diagnosis, Path(out)),
-        ok,
-    )
+    files = [] if out is None else _write_pictures(diagnosis, Path(out))
+    text = "\n".join([*verdict(checks), _table(checks)])
+    return Result(checks, {"ok": ok, "checks": rows, "correction": correction}, rows, files, ok, text)
 
 
 def _write_pictures(diagnosis: Diagnosis, folder: Path) -> list[Path]:

@@ -53,7 +53,7 @@ def report(*folders: Path | str, truth: Path | str | None = None) -> Result[list
         return Result(pages, files=pages)
     differing = differing_settings([RunFolder(path).info for path in paths])
     rows = [{"setting": name} | dict(zip(map(str, paths), values, strict=True)) for name, values in differing]
-    return Result(pages, table_text(rows) if rows else "the same settings", rows=rows, files=pages)
+    return Result(pages, {"differing": rows}, rows, pages, text=table_text(rows) if rows else "the same settings")
 
 
 def plot(

@@ -209,4 +209,4 @@ def replay(
         replayed = replay_run(results, config, frame, progress, matcher)
     write_difference(results, replayed, frame, ", ".join(overrides) or "again", picture)
     text = "\n".join(difference_text(results, replayed, frame))
-    return Result(replayed.results.tracks, text, {"source": str(replayed.source)}, files=[picture])
+    return Result(replayed.results.tracks, {"source": str(replayed.source)}, files=[picture], text=text)

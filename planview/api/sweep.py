@@ -63,8 +63,5 @@ def sweep(
     failed = [run for run in runs if run.error]
     values = {"out": str(folder), "failed": len(failed), "runs": [run.to_json() for run in runs]}
     rows = table_of(runs).to_dict("records")
-    lines = []
-    for configuration, means in means_of(runs).iterrows():
-        figures = [f"{name} {value:.4g}" for name, value in means.dropna().items()]
-        lines += [str(configuration), f"   {', '.join(figures)}"]
-    return Result(runs, "\n".join(lines), values, rows, files=[folder / "summary.csv"], ok=not failed)
+    means = means_of(runs).to_string(float_format="%.4g")
+    return Result(runs, values, rows, [folder / "summary.csv"], not failed, means)

@@ -137,5 +137,4 @@ def synth(
         Path(scene), folder, frames=frames, scale=scale, seed=seed, storage=storage, opencv=opencv, world=world,
         progress=progress,
     )  # fmt: skip
-    text = f"{written.frames} frames, {written.truth_rows} truth rows in {folder}"
-    return Result(folder, text, {"frames": written.frames, "truth_rows": written.truth_rows, "folder": str(folder)})
+    return Result(folder, {"frames": written.frames, "truth_rows": written.truth_rows, "folder": str(folder)})

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 
 from calib.errors import InputError
 from planview.api.arguments import one_of, opening, table_of
-from planview.api.result import Result, plural
+from planview.api.result import Result
 from planview.offline.refine import Refined
 from planview.output.finished import EditedRun, edit_run, read_edits, refine_run, undo_edits
 from planview.output.run_folder import RunFolder
@@ -88,12 +88,7 @@ def edit(
     if not (undo or undo_all or lines):
         raise InputError("expected an edit, e.g. a track to delete, found none")
     done = undo_edits(folder, everything=undo_all) if undo or undo_all else edit_run(folder, lines)
-    tracks = folder / "tracks.csv"
-    people = f"people {done.people_before} -> {done.people}"
-    rows = f"rows {done.rows_before:,} -> {done.rows:,}"
-    return Result(
-        done, f"{tracks}: {people}, {rows}; {done.steps or 'nothing'} left to undo", done._asdict(), files=[tracks]
-    )
+    return Result(done, done._asdict(), files=[folder / "tracks.csv"])
 
 
 _BY_ID = {
@@ -135,9 +130,7 @@ def refine(folder: Path | str) -> Result[Refined]:
     refined, _ = refine_run(folder)
     kinds = [change.kind for change in refined.changes]
     counts = {"join": kinds.count("join"), "smooth": kinds.count("smooth")}
-    tracks = folder / "tracks.csv"
-    text = f"{tracks}: {plural(counts['join'], 'join')}, {plural(counts['smooth'], 'path')} smoothed"
-    return Result(refined, text, {"changes": counts, "rows": len(refined.tracks)}, files=[tracks])
+    return Result(refined, {"changes": counts, "rows": len(refined.tracks)}, files=[folder / "tracks.csv"])
 
 
 def export(
@@ -220,8 +213,7 @@ def export(
     people = people_of(found.table, 1.0 / rate if run is None else run.frame_s)
     n_rows = len(written.table)
     values = {"file": str(path), "rows": n_rows, "people": len(people), "fps": rate}
-    text = f"{path}: {n_rows:,} rows of {len(people)} people, {rate:g} frames per second"
-    exported = Result(path, text, values, files=[path])
+    exported = Result(path, values, files=[path])
     if path == Path("-"):
         if to != "jsonl":
             raise InputError(f"only jsonl can be written to standard output, not {to}")
@@ -238,8 +230,7 @@ def _export_cloud(source: Path, path: Path, options: OpenOptions, overwrite: boo
     _refuse_existing(path, source, overwrite)
     log.debug("opening the recording, finding the floor, matching")
     points = write_cloud(path, scene_of(source, options))
-    text = f"{path}: {points:,} points [m], origin on the floor below the camera, z up"
-    return Result(path, text, {"file": str(path), "points": points}, files=[path])
+    return Result(path, {"file": str(path), "points": points}, files=[path])
 
 
 def _refuse_existing(out: Path, source: Path | None, overwrite: bool) -> None:

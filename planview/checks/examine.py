@@ -41,7 +41,7 @@ from planview.checks.sensors import watch_sensors
 from planview.checks.timing import frame_checks
 from stereo.floor import DepthFrames, FloorSearch, PairFrames, frames_of_one_view, spread_frames
 from stereo.readers import OpenOptions, find_layout, find_reader, open_any, open_video
-from stereo.readers.open import OF_TWO_IMAGES, SeveralSensors, is_multi_rig, open_rigs
+from stereo.readers.open import OF_TWO_IMAGES, SEVERAL, SeveralSensors, is_multi_rig, open_by
 from stereo.recording import Frame, Recording, Shot, SingleCamera, refuse_untimed
 from stereo.viewpoint import Standing, Viewpoints
 
@@ -86,7 +86,7 @@ def examine(
     options = options or OpenOptions()
     search = search or FloorSearch()
     if is_multi_rig(path):
-        return _examine_sensors(open_rigs(path, options.fps), frames, person_height_m, search)
+        return _examine_sensors(open_by([SEVERAL], path, options), frames, person_height_m, search)
     try:
         video = _video_of_one(path, options)
         camera = None
@@ -111,7 +111,7 @@ def _examine_sensors(
     checks = []
     for name, sensor in sensors.items():
         checks += [replace(check, name=f"{name}: {check.name}") for check in sensor.checks]
-    seen = [sensor.seen for sensor in sensors.values() if sensor.seen is not None]
+    seen = [sensor.seen for sensor in sensors.values() if sensor.seen]
     checks += watch_sensors(recording, seen, frames).checks()
     return Diagnosis(tuple(checks), sensors=sensors)
 
@@ -174,7 +174,7 @@ def _liveliest_run(recording: Recording[Any], spread: Sequence[Frame[Any]], coun
     change[change > 0.5] = 0.0
     middle = spread[int(np.argmax(change))].index
     first = max(0, min(middle - count // 2, recording.n_frames - count))
-    return recording.at(list(range(first, min(first + count, recording.n_frames))))
+    return recording.at(range(first, min(first + count, recording.n_frames)))
 
 
 def _video_of_one(path: Path, options: OpenOptions) -> Recording[SingleCamera] | None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import shlex
+from dataclasses import replace
 
-from calib.errors import WorkError, printable
+from calib.errors import WorkError
 from planview.api import check as api
 from planview.api.contents import Contents
 from planview.api.result import Result
@@ -60,8 +61,9 @@ def check(call: Call) -> None:
 
 def _print_contents(call: Call, result: Result[Contents], recording: str) -> None:
     missing = [call.sentence(error) for error in result.value.missing]
-    if call.prints_json(result.to_json() | {"missing": missing}):
+    result = replace(result, values=result.to_json() | {"missing": missing})
+    if call.prints_json(result.to_json()):
         return
-    print(printable(result.value.text(call.sentence)))
+    print(result)
     if not missing:
-        print(f"next         planview run {recording} --out out --rrd")
+        print(f"Next: planview run {recording} --out out --rrd")

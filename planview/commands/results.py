@@ -17,7 +17,7 @@ def report(call: Call) -> None:
     found = call()
     for page in found.files:
         say(page)
-    if found.text:
+    if found.values:
         print(found)
 
 

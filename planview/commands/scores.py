@@ -12,8 +12,9 @@ from planview.api import scores
 from planview.commands.console import PlainConsole
 from planview.commands.shell import JSON, Call, command
 from planview.evaluation.result import Evaluation
-from planview.output.report.page import evaluation_rows, figure_text, words_of
+from planview.output.report.page import evaluation_rows
 from planview.output.run_folder import RunFolder
+from planview.output.words import figure_text, figures_of
 from planview.trajectories.formats import file_pairs
 
 PUBLISHED = ("hota", "misses", "false_positives", "fragmentations", "mostly_tracked", "mostly_lost")
@@ -122,8 +123,7 @@ def print_counts(result: dict[str, Any], console: Console) -> None:
 
 
 def _figures(values: dict[str, Any]) -> list[str]:
-    numbers = ((words_of(key), value) for key, value in values.items() if isinstance(value, int | float))
-    figures = [f"{label} {value:,}" if isinstance(value, int) else f"{label} {value:.2f}" for label, value in numbers]
+    figures = [" ".join(figure) for figure in figures_of(values)]
     groups = (group for group in values.get("groups", []) if group["frames"])
     people = "{people} people: {right_percent:.1f} % right, {mean_difference:+.2f}"
     return figures + [people.format(**group) for group in groups]

@@ -7,7 +7,6 @@ from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -49,14 +48,6 @@ class Counts:
         ordered = sorted(events, key=lambda event: event.timestamp_s)
         interval_s = max(analytics.params.interval_s, span.duration_s / INTERVALS_MAX)
         return Counts(analytics.rules, ordered, stays, analytics.people, span, interval_s)
-
-    def __repr__(self) -> str:
-        return f"Counts({len(self.people)} rules, {len(self.events)} events, {self.span.duration_s:.1f} s)"
-
-    def _repr_html_(self) -> str:
-        """People per rule, for notebooks."""
-        rows = "".join(f"<tr><td>{escape(name)}</td><td>{people}</td></tr>" for name, people in self.people.items())
-        return f"<table><tr><th>rule</th><th>people</th></tr>{rows}</table>"
 
     def to_json(self) -> dict[str, Any]:
         """The object of ``count --json`` and counts.json: ``rules`` by name, the totals per interval within."""

@@ -15,7 +15,7 @@ from calib.ground_camera import GroundCamera
 from planview.engine.config import Config, config_of
 from planview.engine.engine import Engine
 from planview.engine.sensor import CameraSensor, DepthSensor, RecordedSensor, RigSensor
-from planview.engine.setup import Setup, set_up
+from planview.engine.setup import Setup, refuse_matcher, set_up
 from planview.maps.grid import floor_in_view
 from planview.maps.recording import MAPS, MapsRecording, RecordedViews
 from planview.tracking.base import ImageTracker, Needs, Tracker, refuse_tracker
@@ -26,7 +26,7 @@ from planview.trajectories.detections import Detections, load_detections
 from stereo.matcher import Matcher
 from stereo.readers import OpenOptions
 from stereo.readers.open import OF_TWO_IMAGES, ONE_CAMERA, READERS, SEVERAL, SeveralSensors, find_reader, open_by
-from stereo.recording import Recording, SingleCamera, StereoPair, refuse_untimed
+from stereo.recording import Recording, SingleCamera, refuse_untimed
 
 TrackerName = Literal["joint", "template", "human-model", "ellipse-particle"]
 ImageTrackerName = Literal["human-model", "ellipse-particle"]
@@ -112,20 +112,25 @@ def engine_of(
     """
     first = recording.parts[0].sensor
     config = config or _default_config(first, recording.path)
-    if matcher is not None and not all(isinstance(part.sensor, StereoPair) for part in recording.parts):
-        raise InputError(f"{recording.path}: a matcher of your own needs a recording of stereo pairs alone")
     if setup is not None and len(recording.parts) > 1:
         raise InputError(f"{recording.path}: a setup is of one sensor, and this recording has {len(recording.parts)}")
     name: str = tracker if isinstance(tracker, str) else ""
     own_parts: dict[str, object] = {} if name else {"tracker": tracker}
-    if isinstance(first, SingleCamera):
+    gives = _given_by(first)
+    needed = _KINDS[_needs(tracker)]
+    if detections is None and needed != _KINDS[gives]:
+        needing = name or type(tracker).__name__
+        raise InputError(f"{recording.path}: the tracker {needing} needs {needed}, found {_KINDS[gives]}")
+    if gives == "image":
+        first = cast(SingleCamera, first)
+        refuse_matcher(recording.path, matcher)
         ground_camera = load_one_camera(camera, first.size) if isinstance(camera, Path) else camera
         if detections is not None:
             follower: ImageTracker = _box_tracker(recording.n_frames, first, detections, config, ground_camera)
             name = "detections"
             own_parts = {"detections": detections}
         else:
-            follower = _image_tracker(_that_fits(tracker, "image", recording), config, ground_camera)
+            follower = _image_tracker(tracker, config, ground_camera)
         refuse_untimed(recording)
         sensor = CameraSensor(config.single_camera, first.size, follower, ground_camera)
         source = camera.name if isinstance(camera, Path) else "given"
@@ -136,7 +141,7 @@ def engine_of(
     if detections is not None:
         problem = f"{recording.path} is no video of one camera, and boxes are tracked in one image"
         raise InputError(problem, argument="detections")
-    floor_tracker = _floor_tracker(_that_fits(tracker, "maps", recording), config)
+    floor_tracker = _floor_tracker(tracker, config)
     sensors = [_sensor_above_floor(part.sensor, part, config, matcher, setup) for part in recording.parts]
     matcher = setup.matcher if setup is not None else matcher
     if matcher is not None:
@@ -154,9 +159,12 @@ def _sensor_above_floor(
 
 
 @_sensor_above_floor.register
-def _recorded_sensor(sensor: RecordedViews, part: MapsRecording, config: Config, *_: object) -> RecordedSensor:
+def _recorded_sensor(
+    sensor: RecordedViews, part: MapsRecording, config: Config, matcher: Matcher | None, _: object
+) -> RecordedSensor:
     """Raises InputError: a parameter that decided which points were recorded differs, or maps of another rig."""
     path = part.path
+    refuse_matcher(path, matcher)
     recorded = _recorded_config(sensor, path)
     fixed = [(name, getattr(recorded, name), getattr(config, name)) for name in FIXED_TABLES]
     fixed += [(f"maps.{n}", getattr(recorded.maps, n), getattr(config.maps, n)) for n in FIXED_MAP_PARAMETERS]
@@ -205,15 +213,20 @@ def _needs(tracker: AnyTracker) -> Needs:
     return tracker.needs
 
 
-def _that_fits(tracker: AnyTracker, given: Literal["maps", "image"], recording: AnySource) -> AnyTracker:
-    """The tracker. Raises InputError: the recording does not give what it needs."""
-    if ((needs := _needs(tracker)) == "image") != (given == "image"):
-        one = "one camera without depth"
-        depth = "a stereo pair, images with depth or plan-view maps"
-        name = tracker if isinstance(tracker, str) else type(tracker).__name__
-        needed, found = (one, depth) if needs == "image" else (depth, one)
-        raise InputError(f"{recording.path}: the tracker {name} needs {needed}, found {found}")
-    return tracker
+@singledispatch
+def _given_by(sensor: object) -> Needs:
+    """What a tracker can work on: all sensors but one give plan-view maps."""
+    return "maps"
+
+
+@_given_by.register
+def _given_by_one_camera(sensor: SingleCamera) -> Needs:
+    return "image"
+
+
+_WITH_DEPTH = "a stereo pair, images with depth or plan-view maps"
+_KINDS = {"image": "one camera without depth", "maps": _WITH_DEPTH, "points": _WITH_DEPTH}
+"""Recordings by what they give."""
 
 
 def _box_tracker(

@@ -104,7 +104,16 @@ def _explained(
     return WorkError(f"{recording.path}: {'; '.join([*reasons, str(error)])}", in_pictures=True)
 
 
-def _set_up_depth(seen: DepthFrames, recording: Recording[DepthCamera], config: Config, *_: object) -> Setup:
+def refuse_matcher(path: Path, matcher: Matcher | None) -> None:
+    """Raise InputError where a matcher is given for what is no pair."""
+    if matcher is not None:
+        raise InputError(f"{path}: a matcher of your own needs a recording of stereo pairs alone")
+
+
+def _set_up_depth(
+    seen: DepthFrames, recording: Recording[DepthCamera], config: Config, matcher: Matcher | None
+) -> Setup:
+    refuse_matcher(recording.path, matcher)
     sensor = recording.sensor
     try:
         floor, source = _floor_of(recording, seen, config)

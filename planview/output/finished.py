@@ -43,13 +43,13 @@ class _EditsFile(BaseModel):
 
 
 class EditedRun(NamedTuple):
-    """Number of steps that can be undone, and rows and people before and after the call."""
+    """Rows and people before and after a call, and the number of steps that can be undone."""
 
-    steps: int
     rows_before: int
     rows: int
     people_before: int
     people: int
+    left_to_undo: int
 
 
 def read_edits(file: Path) -> list[str]:
@@ -89,7 +89,7 @@ def undo_edits(folder: Path, *, everything: bool = False) -> EditedRun:
 def _change_of(before: RunFolder) -> EditedRun:
     after = RunFolder(before.path)
     steps = len(read_steps(after.path)) + after.info.refined
-    return EditedRun(steps, len(before.tracks), len(after.tracks), len(before.people), len(after.people))
+    return EditedRun(len(before.tracks), len(after.tracks), len(before.people), len(after.people), steps)
 
 
 def _without_refinement(folder: Path) -> None:

@@ -218,7 +218,7 @@ def _empty_figure(panels: Sequence[Panel], shape: float) -> tuple[Figure, dict[P
         ratios = {"width_ratios": (width, 5.5)}
     figure = Figure(figsize=size, layout="constrained")
     # Notebooks show by themselves the figures of pyplot only.
-    figure._repr_png_ = partial(_png, figure)  # type: ignore[attr-defined]
+    figure._repr_png_ = partial(png_bytes, figure, 72, False)  # type: ignore[attr-defined]
     mosaic: Any = layout
     places = figure.subplot_mosaic(mosaic, sharex=not plans, **ratios)
     for curve in curves[1:]:
@@ -226,9 +226,10 @@ def _empty_figure(panels: Sequence[Panel], shape: float) -> tuple[Figure, dict[P
     return figure, places
 
 
-def _png(figure: Figure) -> bytes:
+def png_bytes(figure: Figure, dpi: int = 110, transparent: bool = True) -> bytes:
+    """A finished picture."""
     file = io.BytesIO()
-    figure.savefig(file, format="png", dpi=72)
+    figure.savefig(file, format="png", dpi=dpi, transparent=transparent)
     return file.getvalue()
 
 

@@ -108,8 +108,8 @@ class SceneComposer:
                 picture = np.hstack([picture, self._floor(snapshot, round(PLAN_SHARE * height), height, counts)])
             else:  # which has room for what rules count
                 title = "   ".join([title, *counts])
-        header = _blank(HEADER_PX, picture.shape[1])
-        _write(header, title, HEADER_PX - 10, 0.5)
+        header = blank(HEADER_PX, picture.shape[1])
+        write_text(header, title, HEADER_PX - 10, 0.5)
         whole = np.vstack([header, picture])
         return np.ascontiguousarray(whole[: whole.shape[0] // 2 * 2, : whole.shape[1] // 2 * 2])
 
@@ -122,20 +122,21 @@ class SceneComposer:
 
     def _floor(self, snapshot: Snapshot, width: int, height: int, counts: list[str]) -> U8:
         """The floor from above, with the counts below it."""
-        below = _blank(LINE_PX * len(counts) + (8 if counts else 0), width)
+        below = blank(LINE_PX * len(counts) + (8 if counts else 0), width)
         for n, line in enumerate(counts, 1):
-            _write(below, line, LINE_PX * n - 4, 0.45)
+            write_text(below, line, LINE_PX * n - 4, 0.45)
         if self._plan is None:
             size = width, height - below.shape[0]
             self._plan = PlanPainter(self._bounds, size, self._results.cameras, self._results.rules)
         return np.vstack([self._plan(snapshot), below])
 
 
-def _blank(height: int, width: int) -> U8:
+def blank(height: int, width: int) -> U8:
+    """A white picture."""
     return np.full((height, width, 3), _BACK, dtype=np.uint8)
 
 
-def _write(picture: U8, text: str, bottom: int, scale: float) -> None:
+def write_text(picture: U8, text: str, bottom: int, scale: float) -> None:
     cv2.putText(picture, text, (8, bottom), cv2.FONT_HERSHEY_SIMPLEX, scale, _INK, 1, cv2.LINE_AA)
 
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
-import cv2
 import numpy as np
 
 from calib.errors import InputError, WorkError
@@ -18,7 +17,7 @@ from calib.types import U8
 from planview.engine.config import Config
 from planview.engine.open import FIXED_TABLES, TrackerName, open_engine
 from planview.evaluation.metrics import build_sequence, clear_scores, floor_similarity
-from planview.output.render import SceneComposer, frames_or_none
+from planview.output.render import SceneComposer, blank, frames_or_none, write_text
 from planview.output.resume import part_name
 from planview.output.run_folder import RunFolder
 from planview.output.tables import reading_decisions
@@ -57,8 +56,8 @@ def write_difference(results: RunFolder, replayed: ReplayedRun, frame: int, titl
 
 def _with_title(picture: U8, title: str, width: int) -> U8:
     """A picture of at least this width, with a title above it."""
-    strip: U8 = np.full((TITLE_PX, width, 3), 235, dtype=np.uint8)
-    cv2.putText(strip, title, (8, TITLE_PX - 10), cv2.FONT_HERSHEY_SIMPLEX, 0.55, (40, 40, 40), 1, cv2.LINE_AA)
+    strip = blank(TITLE_PX, width)
+    write_text(strip, title, TITLE_PX - 10, 0.55)
     padded = np.pad(picture, ((0, 0), (0, width - picture.shape[1]), (0, 0)), constant_values=255)
     return np.vstack([strip, padded])
 

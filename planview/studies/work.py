@@ -15,7 +15,6 @@ import cv2
 
 from calib.errors import InputError, WorkError
 from calib.io import ATTEMPT, whole_folder
-from calib.world import load_rigs
 from planview.engine.config import Config, load_config
 from planview.engine.open import IMAGE_SOURCES, TrackerName, base_config, open_engine
 from planview.evaluation.evaluate import evaluate_tracks
@@ -30,7 +29,7 @@ from planview.studies.study import Configuration, RecordingEntry, Study
 from planview.studies.workers import Done, on_workers
 from planview.trajectories.formats import load_tracks, load_truth, truth_file
 from stereo.readers import OpenOptions
-from stereo.readers.open import find_reader, rigs_file
+from stereo.readers.open import find_reader, rigs_file, sensor_folders
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -127,8 +126,7 @@ def files_of_images(path: Path) -> list[Path]:
 
 def files_of_sensors(path: Path) -> list[Path]:
     """rigs.toml, and the folders of the sensors."""
-    file = rigs_file(path)
-    return [file, *(file.parent / rig.folder for rig in load_rigs(file))]
+    return [rigs_file(path), *sensor_folders(path)]
 
 
 FILES: dict[str, Callable[[Path], list[Path]]] = {"sensors": files_of_sensors, "maps": lambda path: [path]}

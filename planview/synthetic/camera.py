@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import singledispatch
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -123,3 +125,47 @@ def rectified_world(rig: StereoRig, room_SE3_left: SE3) -> tuple[SE3, SE3]:
     normal = rectified_SE3_room.rotation @ np.array([0.0, 0.0, 1.0])
     world_SE3_rectified = world_from_plane(normal, float(room_SE3_left.translation[2]))
     return world_SE3_rectified, world_SE3_rectified @ rectified_SE3_room
+
+
+class PlacedCameras(NamedTuple):
+    """The cameras of a mount in a room.
+
+    Attributes:
+        rig, ground_camera: the true pair, or the true single camera; the other is None.
+        world_SE3_room: canonical world of the rectified left camera (or of the single camera).
+        world_SE3_left: placement of the rectified left camera in that world, None for a single camera.
+    """
+
+    views: Sequence[CameraView]
+    world_SE3_room: SE3
+    rig: StereoRig | None = None
+    ground_camera: GroundCamera | None = None
+    world_SE3_left: SE3 | None = None
+
+
+@singledispatch
+def placed_cameras(mount: Mount, scale: float) -> PlacedCameras:
+    """The cameras of a pair or of a single one, with images of so many times the size."""
+    raise TypeError(type(mount))
+
+
+@placed_cameras.register
+def _placed_pair(mount: Rig, scale: float) -> PlacedCameras:
+    rig = stereo_rig(mount).scaled(*_size(mount, scale))
+    room_SE3_left = mount_pose(mount)
+    world_SE3_left, world_SE3_room = rectified_world(rig, room_SE3_left)
+    right = room_SE3_left @ rig.right_SE3_left.inverse()
+    views = camera_view(rig.left, room_SE3_left), camera_view(rig.right, right)
+    return PlacedCameras(views, world_SE3_room, rig=rig, world_SE3_left=world_SE3_left)
+
+
+@placed_cameras.register
+def _placed_camera(mount: CameraMount, scale: float) -> PlacedCameras:
+    camera = ground_camera(mount).scaled(*_size(mount, scale))
+    heading = math.radians(mount.heading_deg) - math.pi / 2
+    turn = SE3.from_rotvec([0.0, 0.0, heading], [mount.at_m[0], mount.at_m[1], 0.0])
+    return PlacedCameras([ground_view(camera, turn)], turn.inverse(), ground_camera=camera)
+
+
+def _size(mount: Mount, scale: float) -> tuple[int, int]:
+    return max(8, round(mount.width * scale)), max(8, round(mount.height * scale))

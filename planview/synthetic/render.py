@@ -9,25 +9,15 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from calib.ground_camera import GroundCamera
 from calib.pose import SE3
-from calib.rig import StereoRig
 from calib.types import F32, F64, I32, U8, Bool
-from planview.synthetic.camera import (
-    CameraView,
-    camera_view,
-    ground_camera,
-    ground_view,
-    mount_pose,
-    rectified_world,
-    stereo_rig,
-)
+from planview.synthetic.camera import CameraView, placed_cameras
 from planview.synthetic.layers import Box, Layer, ViewRenderer
 from planview.synthetic.light import Tracer, level_at
 from planview.synthetic.mesh import Mesh, join
 from planview.synthetic.people import Actor, Cast, furniture_at, place_mesh
 from planview.synthetic.room import furniture_mesh, room_mesh
-from planview.synthetic.scene import Capture, ImageSensor, Rig, Scene
+from planview.synthetic.scene import Capture, ImageSensor, Scene
 from planview.synthetic.texture import Palette
 
 _BANK = 1 << 21
@@ -182,7 +172,12 @@ class SceneRenderer:
                 standing.append(place_mesh(furniture_mesh(item, palette), *furniture_at(item, 0.0)))
         static = join([room, *standing])
         shades = join(standing) if standing else None
-        self._views = self._place_views(scale)
+        placed = placed_cameras(scene.mount, scale)
+        self._views = placed.views
+        self.rig = placed.rig
+        self.ground_camera = placed.ground_camera
+        self.world_SE3_room = placed.world_SE3_room
+        self.world_SE3_left = placed.world_SE3_left
         self._renderers = [ViewRenderer(scene, view, static, shades, palette) for view in self._views]
         gain = scene.sensor.brightness / max(self._renderers[0].room_mean(), 1e-6)
         self._sensors = []
@@ -203,28 +198,6 @@ class SceneRenderer:
     def room_SE3_left(self) -> SE3:
         """The unrectified left (or single) camera in the room."""
         return self._views[0].room_SE3_camera
-
-    def _place_views(self, scale: float) -> list[CameraView]:
-        mount = self.scene.mount
-        width = max(8, round(mount.width * scale))
-        height = max(8, round(mount.height * scale))
-        room_SE3_left = mount_pose(mount)
-        if isinstance(mount, Rig):
-            rig = stereo_rig(mount).scaled(width, height)
-            self.rig: StereoRig | None = rig
-            self.ground_camera: GroundCamera | None = None
-            world_SE3_left, self.world_SE3_room = rectified_world(rig, room_SE3_left)
-            self.world_SE3_left: SE3 | None = world_SE3_left
-            right = room_SE3_left @ rig.right_SE3_left.inverse()
-            return [camera_view(rig.left, room_SE3_left), camera_view(rig.right, right)]
-        self.rig = None
-        self.world_SE3_left = None
-        camera = ground_camera(mount).scaled(width, height)
-        self.ground_camera = camera
-        heading = math.radians(mount.heading_deg) - math.pi / 2
-        turn = SE3.from_rotvec([0.0, 0.0, heading], [mount.at_m[0], mount.at_m[1], 0.0])
-        self.world_SE3_room = turn.inverse()
-        return [ground_view(camera, turn)]
 
     def frame(self, index: int) -> RenderedFrame:
         """Frame ``index``, from 0; frames may be rendered in any order."""

@@ -277,9 +277,8 @@ def world_pose(folder: Path) -> SE3 | None:
 def same_size(a: FrameSource, b: FrameSource, left: Path | str, right: Path | str) -> Size:
     """The size of two sources."""
     if a.size != b.size:
-        expected = size_text(a.size)
-        found = size_text(b.size)
-        raise InputError(f"{right}: expected images as large as {Path(left).name}'s {expected}, found {found}")
+        sizes = f"{size_text(a.size)}, found {size_text(b.size)}"
+        raise InputError(f"{right}: expected images as large as {Path(left).name}'s {sizes}")
     return a.size
 
 

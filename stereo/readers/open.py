@@ -48,18 +48,19 @@ def is_multi_rig(path: Path) -> bool:
     return rigs_file(path).is_file()
 
 
-def _refuse_several(path: Path, _options: OpenOptions) -> base.Layout:
+def sensor_folders(path: Path, calibration: Path | None = None) -> list[Path]:
+    """The recordings of several sensors; none of a path that is no such recording. Raises InputError: a calibration for
+    sensors that have their own."""
     file = rigs_file(path)
-    folders = ", ".join(str(file.parent / entry.folder) for entry in load_rigs(file))
-    raise InputError(
-        f"{path}: expected one stereo pair, found a recording of several sensors, which a run tracks whole: "
-        f"give one of {folders}"
-    )
+    if not file.is_file():
+        return []
+    if calibration is not None:
+        raise InputError(f"{calibration}: expected no calibration for {path}, whose sensors have their own")
+    return [file.parent / entry.folder for entry in load_rigs(file)]
 
 
 READERS: tuple[base.Reader, ...] = (
-    base.Reader("sensors", "several sensors", is_multi_rig, _refuse_several), BAG,
-    EUROC, KITTI, KITTI_SEQUENCE, TUM_RGBD, MIDDLEBURY, FOLDERS, RGBD_FOLDERS, VIDEO_PAIR, SIDE_BY_SIDE,
+    BAG, EUROC, KITTI, KITTI_SEQUENCE, TUM_RGBD, MIDDLEBURY, FOLDERS, RGBD_FOLDERS, VIDEO_PAIR, SIDE_BY_SIDE,
     LIVE,
 )  # fmt: skip
 """In this order: the first that a path fits opens it."""
@@ -160,8 +161,8 @@ def open_video(path: Path | str, options: OpenOptions | None = None) -> Recordin
     if options.topics:
         raise InputError(f"expected a bag, found {path}: one camera", argument="topics")
     if options.calibration is not None:
-        expected = "expected a stereo pair or images with depth"
-        raise InputError(f"{expected}, found {path}: one camera", argument="calibration")
+        problem = f"expected a stereo pair or images with depth, found {path}: one camera"
+        raise InputError(problem, argument="calibration")
     files = [] if path.is_file() else image_files(path)
     if files:
         return _images_of_one(path, files, options)
@@ -326,8 +327,7 @@ def open_rigs(path: Path, fps: float | None = None) -> SeveralSensors:
 
 
 def _find_several(path: Path, options: OpenOptions) -> base.Layout:
-    if options.calibration is not None:
-        raise InputError(f"{options.calibration}: expected no calibration for {path}, whose sensors have their own")
+    sensor_folders(path, options.calibration)
     recording = open_rigs(path, options.fps)
     clock = FrameClock(recording.fps)
     return base.Layout("sensors", (), recording.n_frames, clock, (), 0, lambda: recording)

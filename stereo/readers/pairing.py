@@ -15,7 +15,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.times import clock_is_set
-from calib.types import F64, I64
+from calib.types import F64, I64, Bool
 from stereo.readers.images import frame_number
 
 _WORD = re.compile(r"()()(left|right|(?<![a-z])[lr](?![a-z]))", re.IGNORECASE)
@@ -107,8 +107,10 @@ def numbering_note(pairs: Sequence[Pair], number: Callable[[Path], int | None] =
     if None in starts or starts[0] == starts[1]:
         return ()
     how = "in order" if (left, right) == pairs[0] else "by number"
-    names = f"{left.parent.name}/{left.name} and {right.parent.name}/{right.name}"
-    return (f"the first images are {names}: paired {how}; if that is wrong, renumber those of one",)
+    return (
+        f"the first images are {left.parent.name}/{left.name} and {right.parent.name}/{right.name}: paired {how}; "
+        "if that is wrong, renumber those of one",
+    )
 
 
 def even_sequence(numbers: list[int]) -> list[int]:
@@ -131,8 +133,10 @@ def _by_number(files: list[Path], number: Callable[[Path], int | None]) -> dict[
 
 def _no_mate(file: Path, left: list[Path], right: list[Path]) -> InputError:
     counts = " and ".join(f"{len(own)} in {own[0].parent.name}" for own in (left, right) if own)
-    found = f"found none ({counts}): add a file of times for each camera, or delete images without a mate"
-    return InputError(f"{file}: expected a mate in the other folder for every image, {found}")
+    return InputError(
+        f"{file}: expected a mate in the other folder for every image, found none ({counts}): add a file of times for "
+        "each camera, or delete images without a mate"
+    )
 
 
 PAIRED_WITHIN = 0.25
@@ -176,7 +180,7 @@ def pair_stamps(
         names: of the two, for the notes.
         one_clock: whether times that differ by a constant are those of one clock.
     """
-    longer = left_ns if len(left_ns) >= len(right_ns) else right_ns
+    longer = max(left_ns, right_ns, key=len)
     steps = np.diff(np.sort(longer))
     steps = steps[steps > 0]
     if not steps.size:
@@ -187,12 +191,6 @@ def pair_stamps(
     period = float(np.median(steps))  # of the camera that has more frames [ns]
     tolerance = period * PAIRED_WITHIN
     offset = 0 if one_clock else _ahead(left_ns, right_ns, tolerance)
-    notes = []
-    if offset:
-        notes.append(
-            f"the clock of {names[1]} is {_span(offset / 1e9)} from that of {names[0]}: paired in order; if that "
-            f"camera began later instead, leave out the frames that the other one lacks"
-        )
     left_mate, right_mate = _mates(left_ns, right_ns - offset, tolerance)
     left_eras = _eras(left_ns, period)
     right_eras = _eras(right_ns, period)
@@ -205,35 +203,43 @@ def pair_stamps(
     right = np.concatenate([left_mate, alone])[order]
     steps_ns = np.diff(stamps[order]).astype(np.float64)
     jumps = np.flatnonzero(np.diff(eras[order]))
-    jump_notes = [
-        f"the clock jumps by {_span(steps_ns[i] / 1e9)} after frame {i}: times run on at the nominal rate"
-        for i in jumps
-    ]
+    jumps_s = steps_ns[jumps] / 1e9
     steps_ns[jumps] = period
     times = np.concatenate([[0.0], np.cumsum(steps_ns)])[: len(stamps)] / 1e9
     again = np.diff(times, prepend=-1.0) <= 0
     left[again] = -1
     right[again] = -1
-    alone_left = int(np.count_nonzero((left >= 0) & (right < 0)))
-    alone_right = int(np.count_nonzero((right >= 0) & (left < 0)))
-    counts = [(alone_left, names[0]), (alone_right, names[1])]
-    if alone_left or alone_right:
-        each = ", ".join(f"{count} of {name}" for count, name in counts if count)
-        frames = f"{alone_left + alone_right} of {_frames(len(left))}"
-        limit = f"{tolerance / 1e6:.1f} ms, a quarter of the frame period"
-        notes.append(f"{frames} without a mate within {limit}, skipped ({each})")
-    if again.any():
-        notes.append(f"{_frames(int(again.sum()))} with the time of the frame before, skipped")
-    notes += _order_notes(left_ns, left_eras, names[0])
-    notes += _order_notes(right_ns, right_eras, names[1])
-    return TimePairs(left, right, times, 1e9 / period, (*notes, *jump_notes))
+    notes = _alone_notes(left, right, names, tolerance)
+    if offset:
+        notes.append(
+            f"the clock of {names[1]} is {_span(offset / 1e9)} from that of {names[0]}: paired in order; if that "
+            "camera began later instead, leave out the frames that the other one lacks"
+        )
+    notes += _counted(again, "with the time of the frame before, skipped")
+    for name, stamps_ns, of_era in ((names[0], left_ns, left_eras), (names[1], right_ns, right_eras)):
+        is_late = (np.diff(stamps_ns) < 0) & (np.diff(of_era) == 0)
+        notes += _counted(is_late, f"of {name} recorded out of order, put in order of their times")
+    for after, jump_s in zip(jumps, jumps_s, strict=True):
+        notes.append(f"the clock jumps by {_span(jump_s)} after frame {after}: times run on at the nominal rate")
+    return TimePairs(left, right, times, 1e9 / period, tuple(notes))
 
 
-def _order_notes(stamps_ns: I64, eras: I64, name: str) -> list[str]:
-    """A note on frames of a camera that were recorded after later ones."""
-    is_late = (np.diff(stamps_ns) < 0) & (np.diff(eras) == 0)
-    late = int(np.count_nonzero(is_late))
-    return [f"{_frames(late)} of {name} recorded out of order, put in order of their times"] if late else []
+def _alone_notes(left: I64, right: I64, names: tuple[str, str], tolerance_ns: float) -> list[str]:
+    """A note on frames that only one of the cameras has."""
+    counts = np.count_nonzero([(left >= 0) & (right < 0), (right >= 0) & (left < 0)], axis=1)
+    if not counts.any():
+        return []
+    each = ", ".join(f"{count} of {name}" for count, name in zip(counts, names, strict=True) if count)
+    return [
+        f"{counts.sum()} of {len(left)} frames without a mate within {tolerance_ns / 1e6:.1f} ms, a quarter of the "
+        f"frame period, skipped ({each})"
+    ]
+
+
+def _counted(frames: Bool, what: str) -> list[str]:
+    """A note on frames, with their number; none where there are none."""
+    count = int(frames.sum())
+    return [f"{count} frame{'s' * (count > 1)} {what}"] if count else []
 
 
 def _ahead(left_ns: I64, right_ns: I64, tolerance_ns: float) -> int:
@@ -242,7 +248,7 @@ def _ahead(left_ns: I64, right_ns: I64, tolerance_ns: float) -> int:
     if len(left_ns) != len(right_ns) or not len(left_ns):
         return 0
     ahead = int(np.median(right_ns - left_ns))
-    constant = bool(np.all(np.abs(right_ns - left_ns - ahead) <= tolerance_ns))
+    constant = np.all(np.abs(right_ns - left_ns - ahead) <= tolerance_ns)
     return ahead if constant and abs(ahead) > tolerance_ns else 0
 
 
@@ -273,10 +279,6 @@ def _eras(stamps: I64, period: float) -> I64:
     """How often the clock was set before each frame."""
     was_set = clock_is_set(np.diff(stamps) / 1e9, period / 1e9)
     return np.concatenate([[0], np.cumsum(was_set)]).astype(np.int64)[: len(stamps)]
-
-
-def _frames(count: int) -> str:
-    return f"{count} frame" + "s" * (count != 1)
 
 
 def _span(seconds: float) -> str:

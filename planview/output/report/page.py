@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,6 +21,7 @@ from planview.output.report import plots
 from planview.output.report.plots import Picture, picture
 from planview.output.report.snapshots import ERRORS_MAX, read_decision_log, scene_pictures
 from planview.output.run_folder import RunFolder
+from planview.output.words import figure_text, figures_of, flat_settings, words_of
 from planview.trajectories.plot import person_hex
 from planview.trajectories.table import Trajectories
 
@@ -42,7 +42,6 @@ def scores_of(results: RunFolder) -> Evaluation | None:
 
 _NOT_SHOWN = {"view_m", "world_SE3_left", "name", "at_m", "sensors", "center_px", "focal_v_px"}
 """Fields of camera and floor that the page shows as a picture."""
-_UNITS = {"s": "s", "ms": "ms", "m": "m", "px": "px", "deg": "°", "mps": "m/s"}
 PEOPLE_MAX = 200
 """Rows of the table of people; tracks.csv has them all."""
 Figure = tuple[str, str]
@@ -79,7 +78,7 @@ def write_report(folder: Path, truth: Path | None = None) -> Path:
         scenes=scene_pictures(results, errors),
         identities=plots.identity_pictures(results, errors),
         pictures=_pictures(results),
-        figures=_figures,
+        figures=figures_of,
         evaluation=evaluation,
         scores=evaluation_rows(evaluation),
         errors=errors,
@@ -179,10 +178,6 @@ def _number_text(value: float, form: str) -> str:
     return "" if math.isnan(value) else format(value, form)
 
 
-def _figures(values: dict[str, Any]) -> list[Figure]:
-    return [(words_of(name), figure_text(value)) for name, value in values.items() if isinstance(value, int | float)]
-
-
 def evaluation_rows(evaluation: dict[str, Any]) -> list[Figure]:
     """The scores of an evaluation, ready to print."""
     rows: list[tuple[str, object]] = []
@@ -229,11 +224,8 @@ def changed_settings(config: dict[str, JsonValue]) -> list[tuple[str, str, str]]
     return rows
 
 
-_GIVEN: Any = {
-    "recording": True, "opened": True, "fps": True, "first_frame": True, "frames_read": True, "tracker": True,
-    "own_parts": True, "refined": True, "versions": True, "config": True,
-    "rig": {"calibration", "focal_px", "baseline_m", "lens"},
-}  # fmt: skip
+_WHOLE = ("recording", "opened", "fps", "first_frame", "frames_read", "tracker", "own_parts", "refined", "versions")
+_GIVEN: Any = dict.fromkeys((*_WHOLE, "config"), True) | {"rig": {"calibration", "focal_px", "baseline_m", "lens"}}
 """Fields of run.json that runs were given."""
 
 
@@ -254,32 +246,3 @@ def _distinct_texts(values: Sequence[JsonValue]) -> list[str]:
     short = [f"{value:.5g}" if isinstance(value, float) else str(value) for value in values]
     texts = short if len(set(short)) > 1 else list(map(str, values))
     return ["-" if value is None else text for value, text in zip(values, texts, strict=True)]
-
-
-def flat_settings(config: dict[str, JsonValue], prefix: str = "") -> dict[str, JsonValue]:
-    """Values by their dotted names."""
-    flat: dict[str, JsonValue] = {}
-    for key, value in config.items():
-        if isinstance(value, dict):
-            flat |= flat_settings(value, f"{prefix}{key}.")
-        else:
-            flat[prefix + key] = value
-    return flat
-
-
-def words_of(name: str) -> str:
-    """A key as people read it, its unit in brackets: mean_dwell_s -> mean dwell [s]."""
-    words = name.split("_")
-    if len(words) > 1 and words[-1] in _UNITS:
-        words[-1] = f"[{_UNITS[words[-1]]}]"
-    return " ".join(words)
-
-
-def figure_text(value: object) -> str:
-    if value is None:
-        return "-"
-    if isinstance(value, int) and not isinstance(value, bool):
-        return f"{value:,}"
-    if isinstance(value, float):
-        return f"{value:.4g}" if abs(value) < 1e4 else f"{value:,.0f}"
-    return value if isinstance(value, str) else json.dumps(value)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import io
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -12,7 +11,7 @@ import numpy as np
 from calib.types import I64, Bool
 from planview.drawing.style import ERRORS, as_hex
 from planview.evaluation.significant import SignificantError
-from planview.output.plot import RUN_COLOURS, NamedTracks, Panel, figure_of
+from planview.output.plot import RUN_COLOURS, NamedTracks, Panel, figure_of, png_bytes
 from planview.output.run_folder import RunFolder
 from planview.trajectories.clock import Clock
 from planview.trajectories.plot import INK, count_axes, person_hex, style_axes
@@ -34,12 +33,10 @@ class Picture(NamedTuple):
     is_strip: bool = False
 
 
-def picture(
-    title: str, data: bytes, note: str = "", *, keep_colours: bool = False, is_strip: bool = False, kind: str = "png"
-) -> Picture:
+def picture(title: str, data: bytes, note: str = "", *, kind: str = "png", **looks: bool) -> Picture:
     """A PNG or JPEG (``kind`` "jpeg") for a page."""
     uri = f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
-    return Picture(title, uri, note, keep_colours, is_strip)
+    return Picture(title, uri, note, **looks)
 
 
 VIEW_COLOUR = "#e8eef7"
@@ -97,13 +94,6 @@ def new_figure(width: float, height: float) -> tuple[Figure, Axes]:
 def plain_text(text: str) -> str:
     """Text that matplotlib does not take for a formula, and without characters that its font has no picture of."""
     return "".join(c for c in text if c.isprintable() and ord(c) < 0x2000).replace("$", r"\$")
-
-
-def png_bytes(figure: Figure) -> bytes:
-    """A finished picture."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=110, transparent=True)
-    return buffer.getvalue()
 
 
 UNHELD = -1
