@@ -26,7 +26,6 @@ from calib.people.model import (
     FOCAL,
     GIRTH,
     HEIGHT,
-    KNOWN_CAMERA_STD,
     N_CAMERA,
     N_SHARED,
     PERSON_STD,
@@ -316,16 +315,20 @@ def assess(fit: GroundCameraFit, people: MarkedPeople, model: HumanModel, walked
     next_sample = advisor.next_sample(model, walked)
     deviations = advisor.deviations(fit.covariance)
     floor_error_m, height, tilt = deviations.tolist()
-    from_camera_m = float(advisor.deviations(fit.covariance, from_camera=True)[0])
     text = (
-        f"where people were marked, floor positions are known to {_metres_text(floor_error_m)} relative to each other "
-        f"and to {_metres_text(from_camera_m)} from the camera, the camera's height to {height:.0%}, its tilt to "
-        f"{math.degrees(tilt):.1f} degrees"
+        f"where people were marked, floor positions are known to {_metres_text(floor_error_m)} relative to each other, "
+        f"the camera's height to {height:.0%}, its tilt to {math.degrees(tilt):.1f} degrees"
     )
     if (deviations <= advisor.limits).all():
         return Assessment(True, floor_error_m, next_sample, f"enough: {text}")
     most = f"at most {advisor.limits[0]:.2g} m, {KNOWN_HEIGHT_STD:.0%} and {math.degrees(KNOWN_TILT_STD):g} degrees"
-    sentence = f"not enough: {text} ({most}); {advisor.advice(next_sample)}"
+    advice = "mark more people, at more distances"
+    if fit.prior.reading == "boxes":
+        advice = "mark heads and feet where they are, not at the middles of the boxes' edges"
+    elif next_sample is not None:
+        u, v = next_sample.foot_px
+        advice = f"mark more people near pixel ({u:.0f}, {v:.0f})"
+    sentence = f"not enough: {text} ({most}); {advice}, or give focal length, field of view or camera height"
     return Assessment(False, floor_error_m, next_sample, sentence)
 
 
@@ -338,12 +341,8 @@ _TURNS_RAD = np.deg2rad([[-89.0, -44.0], [89.0, 44.0]])
 
 
 class _Advisor:
-    """Finds what would make the camera certain enough: another person, many, or a given value.
-
-    Attributes:
-        limits: (3,) largest ``deviations`` that are enough.
-        gain: (N_SHARED, N_SHARED) information of the person that ``next_sample`` asks for; None without one.
-    """
+    """Finds where another person would make the camera most certain; ``limits``: (3,) largest ``deviations`` that are
+    enough."""
 
     def __init__(self, fit: GroundCameraFit, pixels: F64) -> None:
         """Prepare; floor positions are judged at (n, 2) pixels, without the rigid motion that moves all alike."""
@@ -364,11 +363,10 @@ class _Advisor:
         of_x = np.column_stack([one, zero, -y])
         of_y = np.column_stack([zero, one, x])
         self._rigid = np.linalg.qr(np.stack([of_x, of_y], axis=1).reshape(-1, 3))[0]
-        self.gain: F64 | None = None
 
-    def deviations(self, covariance: F64, *, from_camera: bool = False) -> F64:
-        """(3,) deviations of floor positions, as distances [m], the median over the pixels, relative to each other or
-        ``from_camera``, of camera height [1] and tilt [rad].
+    def deviations(self, covariance: F64) -> F64:
+        """(3,) deviations of floor positions relative to each other, as distances [m], the median over the pixels, of
+        camera height [1] and tilt [rad].
 
         Far places move more than in proportion, so that cameras away from the fit are tried: the points of the
         unscented transform (Julier and Uhlmann 1997).
@@ -385,8 +383,7 @@ class _Advisor:
             shared[[TILT, ROLL]] = np.clip(shared[[TILT, ROLL]], *_TURNS_RAD)
             moved = shared_camera(shared, self.fit.camera).back_project(self._pixels)
             off = np.nan_to_num(moved - self._floor).ravel()
-            if not from_camera:
-                off -= self._rigid @ (self._rigid.T @ off)
+            off -= self._rigid @ (self._rigid.T @ off)
             total += (off.reshape(-1, 2) ** 2).sum(axis=1)
         floor_std = math.sqrt(float(np.median(total)) / len(steps))
         return np.array([floor_std, height_std, tilt_std])
@@ -407,7 +404,6 @@ class _Advisor:
         gains = self._information(model, places, rows)
         after = np.array([self._after(gain) for gain in gains])
         best = int(np.argmin((after / self.limits).max(axis=1)))
-        self.gain = gains[best]
         return NextSample((float(rows[best, 6]), float(rows[best, 7])), float(after[best, 0]))
 
     def _candidates(self, model: HumanModel) -> tuple[F64, F64]:
@@ -440,51 +436,6 @@ class _Advisor:
         place_change = np.linalg.solve(transposed @ by_place + 1e-12 * np.eye(2), transposed @ by_shared)
         left_over = by_shared - by_place @ place_change
         return np.asarray(left_over.transpose(0, 2, 1) @ left_over)
-
-    def advice(self, sample: NextSample | None) -> str:
-        """The advice in words."""
-        value = self._helpful_value()
-        give = f"give {value}" if value else ""
-        if sample is None or self.gain is None:
-            return give or "mark more people, at more distances"
-        if self.fit.prior.reading == "boxes":
-            more = "mark heads and feet where they are, not at the middles of the boxes' edges"
-            is_reached = False
-        else:
-            u, v = sample.foot_px
-            more = f"add people {self._direction(sample)}, near pixel ({u:.0f}, {v:.0f})"
-            # Six further samples are a bearable effort: where they are not enough, a known value is better advice.
-            is_reached = self._enough(6 * self.gain)
-        if not give:
-            return more
-        return f"{more}, or {give}" if is_reached else f"{give}, or {more}"
-
-    def _helpful_value(self) -> str:
-        """A value that would be enough if it was given; empty where none is."""
-        names = {FOCAL: "the focal length or field of view", HEIGHT: "the camera's height"}
-        gain = np.eye(N_SHARED) / KNOWN_CAMERA_STD**2
-        helpful = [name for k, name in names.items() if self._enough(np.diag(gain[k]))]
-        if helpful:
-            return " or ".join(helpful)
-        both = np.diag(gain[FOCAL] + gain[HEIGHT])
-        return " and ".join(names.values()) if self._enough(both) else ""
-
-    def _direction(self, sample: NextSample) -> str:
-        """Direction of a sample from the others."""
-        camera = self.fit.camera
-        distance_m = np.hypot(*camera.back_project(sample.foot_px))
-        ratio = float(distance_m / np.median(np.hypot(*self.fit.places_m.T)))
-        if ratio < 0.75:
-            return "nearer to the camera"
-        if ratio > 1.33:
-            return "farther from the camera"
-        side = "left" if sample.foot_px[0] < camera.width / 2 else "right"
-        return f"at the {side} of the image"
-
-    def _enough(self, gain: F64) -> bool:
-        if not np.isfinite(self.fit.covariance).all():
-            return False
-        return bool((self._after(gain) <= self.limits).all())
 
     def _after(self, gain: F64) -> F64:
         """``deviations`` with further information."""
