@@ -156,9 +156,10 @@ def _compressed(message: ImageMessage) -> AnyArray:
             return decode_image(message.data)
         except UnreadableError as error:
             raise UnreadableError(f"images coded as {message.encoding!r} ({error})") from error
+    if message.encoding.endswith("rvl"):
+        raise UnreadableError("depth coded as rvl, which is not read: publish it raw, or as png")
     _, quant_a, quant_b = _DEPTH_HEADER.unpack_from(message.data)
-    rest = message.data[_DEPTH_HEADER.size :]
-    stored = _rvl(rest) if message.encoding.endswith("rvl") else decode_image(rest)
+    stored = decode_image(message.data[_DEPTH_HEADER.size :])
     if not message.encoding.upper().startswith("32FC1"):
         return stored
     # compressed_depth_image_transport codec.cpp: inverse depth, q = A / z + B; 0 where there is none.
@@ -166,32 +167,3 @@ def _compressed(message: ImageMessage) -> AnyArray:
     depth = np.full(stored.shape, np.nan, np.float32)
     depth[known] = quant_a / (stored[known].astype(np.float32) - quant_b)
     return depth
-
-
-def _rvl(data: bytes) -> AnyArray:
-    """(H, W) uint16 of runs of zeros and of differences, in groups of 3 bits (Wilson 2017, Fast lossless depth image
-    compression)."""
-    width, height = struct.unpack_from("<ii", data)
-    if not (width > 0 and height > 0 and width * height <= MAX_PIXELS):
-        raise ValueError("a size that no image has")
-    words = np.frombuffer(data, "<u4", offset=8, count=(len(data) - 8) // 4)
-    groups = ((words[:, None] >> np.arange(28, -4, -4, dtype=np.uint32)) & 15).ravel().astype(np.int64)
-    first = np.concatenate([[True], groups[:-1] < 8])  # the fourth bit: the number continues
-    starts = np.flatnonzero(first)
-    place = np.arange(len(groups)) - starts[np.cumsum(first) - 1]
-    values = np.add.reduceat((groups & 7) << (3 * np.minimum(place, 12)), starts)
-    depth = np.zeros(width * height, np.uint16)
-    done = 0
-    at = 0
-    last = 0
-    while done < len(depth):
-        zeros, count = values[at : at + 2].tolist()
-        steps = values[at + 2 : at + 2 + count]
-        if done + zeros + count > len(depth) or len(steps) < count:
-            raise ValueError("less data than the size announces")
-        run = last + np.cumsum((steps >> 1) ^ -(steps & 1))
-        depth[done + zeros : done + zeros + count] = run & 0xFFFF
-        done = done + zeros + count
-        at = at + 2 + count
-        last = int(run[-1]) if count else last
-    return depth.reshape(height, width)
