@@ -2,8 +2,8 @@
 
 DepthAI: EEPROM JSON with cameras by socket and extrinsics as a chain ``toCameraSocket``, translations in centimetres.
 ZED: a section per camera and resolution, the baseline in millimetres. KITTI's calib_cam_to_cam.txt holds four cameras,
-raw and rectified, with poses from camera 0; the calib.txt of odometry sequences the projections of the rectified
-cameras only. Middlebury's calib.txt is that of a rectified pair, with the baseline in millimetres.
+raw and rectified, with poses from camera 0. Middlebury's calib.txt is that of a rectified pair, with the baseline in
+millimetres.
 """
 
 from __future__ import annotations
@@ -209,22 +209,15 @@ def _values_by_key(text: str, separator: str) -> dict[str, str]:
     return values
 
 
-def _kitti_keys(line: str, *names: str) -> base.Keys:
-    """Keys that begin lines of this pattern."""
-    return base.lines_with(**{name: f"^{name}{line}" for name in names})
-
-
-_ROW = r":([ \t]+[-+.\deE]+){12}\s*$"
-_SEQUENCES = (_kitti_keys(_ROW, "P2", "P3"), _kitti_keys(_ROW, "P0", "P1"))
-_DRIVES = (_kitti_keys(":", "K_02", "T_02", "K_03", "T_03"), _kitti_keys(":", "K_00", "T_00", "K_01", "T_01"))
+_DRIVES = (
+    base.lines_with(K_02="^K_02:", T_02="^T_02:", K_03="^K_03:", T_03="^T_03:"),
+    base.lines_with(K_00="^K_00:", T_00="^T_00:", K_01="^K_01:", T_01="^T_01:"),
+)
 
 
 def _kitti_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     source = sources[0]
     data = _values_by_key(source.text, ":")
-    is_drive = any(key.startswith("K_") for key in data)
-    if base.whole_with(*_SEQUENCES)(source) and not is_drive:
-        return _sequence_rig(source, data, choice)
     left, right = choice.cameras or _kitti_pair(data)
     rectified = choice.rectified
     if rectified is None and choice.size is not None and f"S_rect_{left}" in data:
@@ -261,18 +254,7 @@ def _raw_camera(data: Mapping[str, str], name: str, choice: Choice) -> tuple[Cam
     return camera, base.transform(rotation, translation, f"R_{name}")
 
 
-def _sequence_rig(source: Source, data: Mapping[str, str], choice: Choice) -> StereoRig:
-    """The rectified cameras of an odometry sequence, whose image size the file does not give."""
-    if choice.size is None:
-        raise ValueError("expected the size of the images, which the calib.txt of a KITTI sequence does not hold")
-    left, right = choice.cameras or (("2", "3") if "P3" in data else ("0", "1"))
-    one = base.camera_from_projection(choice.size, base.entry(data, f"P{left}"), f"P{left}", choice.unit())
-    other = base.camera_from_projection(choice.size, base.entry(data, f"P{right}"), f"P{right}", choice.unit())
-    return base.join_cameras(one, other, f"{source.path.name} [cameras {left} {right}, rectified images]")
-
-
-_KITTI_SETS = (*_DRIVES, *_SEQUENCES)
-KITTI = Format("kitti", "KITTI calib_cam_to_cam", _KITTI_SETS, base.whole_with(*_KITTI_SETS), _kitti_read)
+KITTI = Format("kitti", "KITTI calib_cam_to_cam", _DRIVES, base.whole_with(*_DRIVES), _kitti_read)
 
 
 def _middlebury_read(sources: Sequence[Source], choice: Choice) -> StereoRig:

@@ -8,7 +8,7 @@ images.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -85,8 +85,7 @@ EUROC = Reader(
 
 
 KITTI_PAIRS = (("image_02", "image_03"), ("image_00", "image_01"))
-KITTI_SEQUENCE_PAIRS = (("image_2", "image_3"), ("image_0", "image_1"))
-"""The colour and the grey pair of a drive, and of an odometry sequence."""
+"""The colour and the grey pair of a drive."""
 
 
 def _kitti_find(path: Path, options: OpenOptions) -> Layout:
@@ -95,7 +94,7 @@ def _kitti_find(path: Path, options: OpenOptions) -> Layout:
         names = ", ".join(drive.name for drive in drives[:6])
         raise InputError(f"{path}: expected one drive, found {len(drives)} ({names}): name the drive's folder")
     drive = drives[0]
-    pair = _pair_in(drive, KITTI_PAIRS, "data") or KITTI_PAIRS[0]
+    pair = _pair_in(drive) or KITTI_PAIRS[0]
     cameras = []
     for name in pair:
         listed = list_in(drive / name)
@@ -111,35 +110,27 @@ def _kitti_find(path: Path, options: OpenOptions) -> Layout:
     return timed_layout(path, cameras[0], cameras[1], options, rig)
 
 
-def _kitti_sequence_find(path: Path, options: OpenOptions) -> Layout:
-    pair = _pair_in(path, KITTI_SEQUENCE_PAIRS) or KITTI_SEQUENCE_PAIRS[0]
-    left, right = (_kitti_camera(path / name, path / "times.txt") for name in pair)
-    own = options.calibration is None
-    names = (pair[0][-1], pair[1][-1]) if own else None
-    rig = partial(load_rig, options.calibration or path / "calib.txt", cameras=names, rectified=own or None)
-    return timed_layout(path, left, right, options, rig)
-
-
 def _kitti_drives(path: Path) -> Iterator[Path]:
     """The folder itself, its drives, and those of its days, which hold a pair."""
-    if _pair_in(path, KITTI_PAIRS, "data"):
+    if _pair_in(path):
         yield path
         return
     for folder in (f for f in entries(path) if f.is_dir() and os.access(f, os.X_OK)):
-        if _pair_in(folder, KITTI_PAIRS, "data"):
+        if _pair_in(folder):
             yield folder
         elif folder.name.count("_") == 2:
             days = (f for f in sorted(folder.iterdir()) if f.is_dir() and "_drive_" in f.name)
-            yield from (f for f in days if _pair_in(f, KITTI_PAIRS, "data"))
+            yield from (f for f in days if _pair_in(f))
 
 
-def _pair_in(folder: Path, pairs: Sequence[tuple[str, str]], inside: str = "") -> tuple[str, str] | None:
-    """The first pair of folders that both hold images."""
+def _pair_in(drive: Path) -> tuple[str, str] | None:
+    """The first pair of cameras that both have images."""
 
-    def holds(name: str) -> bool:
-        return (folder / name / inside).is_dir() and bool(image_files(folder / name / inside))
+    def has_images(name: str) -> bool:
+        folder = drive / name / "data"
+        return folder.is_dir() and bool(image_files(folder))
 
-    return next((pair for pair in pairs if all(map(holds, pair))), None)
+    return next((pair for pair in KITTI_PAIRS if all(map(has_images, pair))), None)
 
 
 def _kitti_camera(folder: Path, times: Path) -> TimedFiles:
@@ -160,13 +151,6 @@ def _kitti_camera(folder: Path, times: Path) -> TimedFiles:
 KITTI = Reader(
     "kitti", "a KITTI raw drive", lambda path: path.is_dir() and any(True for _ in _kitti_drives(path)), _kitti_find
 )
-KITTI_SEQUENCE = Reader(
-    "kitti-sequence",
-    "a KITTI odometry sequence",
-    lambda path: (path / "times.txt").is_file() and _pair_in(path, KITTI_SEQUENCE_PAIRS) is not None,
-    _kitti_sequence_find,
-)
-
 MIDDLEBURY_NAMES = (("im0", "im1"), ("view1", "view5"), ("im2", "im6"))
 """Left and right of each year's data sets (vision.middlebury.edu/stereo/data)."""
 

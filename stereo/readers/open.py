@@ -14,7 +14,7 @@ from calib.io import entries, missing, refuse_unreadable
 from calib.world import RIGS_FILE, load_rigs
 from stereo.readers import base
 from stereo.readers.bags import READER as BAG
-from stereo.readers.datasets import EUROC, KITTI, KITTI_SEQUENCE, MIDDLEBURY, TUM_RGBD
+from stereo.readers.datasets import EUROC, KITTI, MIDDLEBURY, TUM_RGBD
 from stereo.readers.folders import FOLDERS, RGBD_FOLDERS, in_folders, sides_layout
 from stereo.readers.images import SUFFIXES, Colour, bits_note, bits_of, image_files, images_of
 from stereo.readers.live import READER as LIVE
@@ -60,7 +60,7 @@ def sensor_folders(path: Path, calibration: Path | None = None) -> list[Path]:
 
 
 READERS: tuple[base.Reader, ...] = (
-    BAG, EUROC, KITTI, KITTI_SEQUENCE, TUM_RGBD, MIDDLEBURY, FOLDERS, RGBD_FOLDERS, VIDEO_PAIR, SIDE_BY_SIDE,
+    BAG, EUROC, KITTI, TUM_RGBD, MIDDLEBURY, FOLDERS, RGBD_FOLDERS, VIDEO_PAIR, SIDE_BY_SIDE,
     LIVE,
 )  # fmt: skip
 """In this order: the first that a path fits opens it."""

@@ -93,17 +93,6 @@ def test_image_of_a_drive_without_a_time_is_named(tmp_path):
         open_recording(folder)
 
 
-def test_kitti_odometry_sequence_has_its_times_and_projections(tmp_path):
-    write_images(tmp_path, *(f"{camera}/{i:06d}.png" for camera in ("image_0", "image_1") for i in range(3)))
-    (tmp_path / "times.txt").write_text("0.000000e+00\n1.036224e-01\n2.072410e-01\n")
-    lines = [f"P{i}: 25 0 15.5 {shift} 0 25 11.5 0 0 0 1 0\n" for i, shift in enumerate((0.0, -2.5))]
-    (tmp_path / "calib.txt").write_text("".join(lines) + "Tr: 1 0 0 0 0 1 0 0 0 0 1 0\n")
-    recording = open_recording(tmp_path)
-    assert find_reader(tmp_path).key == "kitti-sequence"
-    assert (recording.sensor.rig.left.fx, recording.sensor.rig.baseline_m) == (25.0, pytest.approx(0.1))
-    assert [f.timestamp_s for f in recording] == pytest.approx([0.0, 0.1036224, 0.2072410])
-
-
 def test_middlebury_pair_is_one_frame(tmp_path):
     (write_images(tmp_path, "im0.png", "im1.png", "im1E.png") / MIDDLEBURY).write_text(CALIBRATIONS[MIDDLEBURY])
     recording = open_recording(tmp_path)
