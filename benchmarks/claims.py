@@ -11,12 +11,14 @@ import pandas
 from benchmarks.members import draw_scene
 from benchmarks.options import Report, Row, benchmark, cache_folder, rendered, tables
 from benchmarks.passes import Pass, run_pass
+from benchmarks.real import GATE_M, WALKING_MPS, judged_frames, recordings_with_truth, truth_of
 from calib.io import load_toml
 from calib.types import F64
 from planview.engine.config import load_config
+from planview.engine.open import base_config
 from planview.evaluation.evaluate import velocities
 from planview.evaluation.metrics import build_sequence, clear_scores, floor_similarity
-from planview.synthetic.assets import SCENES
+from planview.synthetic.assets import SCENES, real_recordings
 from planview.synthetic.camera import mount_pose, rectified_world, stereo_rig
 from planview.synthetic.people import Cast
 from planview.synthetic.scene import Scene
@@ -26,67 +28,61 @@ from planview.trajectories.table import Trajectories, read_tracks, read_truth, r
 
 RECORDINGS = (("stopping", 15.0), ("running", 15.0), ("running", 30.0))
 """Scenes of ``data/synthetic/claims`` and the frames per second at which they are rendered."""
-GATE_M = 0.5
-"""A row shows somebody who is nearer than this [m]: as tracks are scored."""
-WALKING_MPS = 0.3
 RUNNING_MPS = 2.0
-"""Speeds from which somebody walks, and runs [m/s]."""
+"""Speed from which somebody runs [m/s]."""
 VISIBLE_MIN = 0.1
 """Unoccluded share below which a place is a guess and its error is not counted."""
 DRAWS = 500
 """Bootstrap draws of people for an interval."""
-Bins = Mapping[str, tuple[float, float]]
-STOPPED: Bins = {
-    "walking": (0.0, 1e-9), "stopped up to 2 s ago": (1e-9, 2.0), "2 to 5 s": (2.0, 5.0), "5 to 12 s": (5.0, 12.0),
-    "longer": (12.0, np.inf),
-}  # fmt: skip
-CONFIDENCES: Bins = {"below 0.5": (0.0, 0.5), "0.5 to 0.9": (0.5, 0.9), "from 0.9": (0.9, 1.1)}
-DISTANCES: Bins = {
-    "0 to 2 m away": (0.0, 2.0), "2 to 3 m away": (2.0, 3.0), "3 to 4 m away": (3.0, 4.0), "4 to 5 m away": (4.0, 5.0),
-    "5 to 12 m away": (5.0, 12.0),
-}  # fmt: skip
-VISIBILITIES: Bins = {
-    "0.1 to 0.5 visible": (0.1, 0.5), "0.5 to 0.75 visible": (0.5, 0.75), "0.75 to 0.9 visible": (0.75, 0.9),
-    "0.9 to 1 visible": (0.9, 1.01),
-}  # fmt: skip
+STOPPED = {"walking": 0.0, "stopped up to 2 s ago": 1e-9, "2 to 5 s": 2.0, "5 to 12 s": 5.0, "longer": 12.0}
+CONFIDENCES = {"below 0.5": 0.0, "0.5 to 0.9": 0.5, "from 0.9": 0.9}
+"""Bins by where they begin."""
+RENDERED = "rendered"
 
 
 @benchmark
 def claims(
-    *, seed: Sequence[int] = (1,), cache: Path | None = None, config: Path | None = None, overrides: Sequence[str] = ()
+    *,
+    seed: Sequence[int] = (1,),
+    data: Path | None = None,
+    cache: Path | None = None,
+    overrides: Sequence[str] = (),
 ) -> Report:
-    """Compare what tracks say of themselves with the truth of rendered scenes.
+    """Compare what tracks say of themselves with the truth of rendered scenes and of real recordings.
 
     Prints how often people are back to front next to what facing_confidence says, how many rows show somebody next to
     confidence, the errors of places over std_m (rms of both axes), and the speeds and ids of runners.
 
-    Example: python -m benchmarks claims --seed 1
+    Example: python -m benchmarks claims --seed 1 --data ../shared/data
 
     Args:
         seed: Seeds of the scenes: those below 100 are for tuning, each of the others judges once.
+        data: Folder with real recordings; $PLANVIEW_TEST_DATA, else ../shared/data of the repository, by default.
         cache: Folder for rendered recordings; the user's cache by default.
-        config: TOML file with parameters of the engine.
         overrides: One parameter of the engine; can be repeated.
     """
-    settings = load_config(config, overrides)
     folder = cache_folder(cache)
-    stopping: list[pandas.DataFrame] = []
-    runners: list[Row] = []
+    judged: list[pandas.DataFrame] = []
+    for recording in recordings_with_truth(data or real_recordings()):
+        settings = load_config(None, overrides, base_config(recording))
+        tracks = read_tracks(run_pass(Pass(recording, folder, settings)) / "tracks.csv")
+        truth = truth_of(recording)
+        tracks = tracks.where(np.isin(tracks.frame, judged_frames(recording, truth, int(tracks.frame.max()) + 1)))
+        judged.append(compare(tracks, truth).assign(material=recording.name, scene=recording.name))
+    settings = load_config(None, overrides)
     for one in seed:
         for name, fps in RECORDINGS:
             table = load_toml(SCENES / "claims" / f"{name}.toml", "a scene in TOML") | {"fps": fps}
             scene = draw_scene(table, one, name)
-            recording = rendered(scene, f"claims-{name}-{one}-{fps:g}", folder)
+            title = f"claims-{name}-{one}-{fps:g}"
+            recording = rendered(scene, title, folder)
             tracks = read_tracks(run_pass(Pass(recording, folder, settings)) / "tracks.csv")
             truth = everybody(scene, read_truth(recording / "truth.csv"))
-            rows = compare(tracks, truth, 1.0 / fps)
-            if name == "running":
-                runners += speed_rows(rows, f"running, seed {one}, {fps:g} per second")
-            else:
-                stopping.append(rows.assign(scene=one))
-    every = pandas.concat(stopping)
+            judged.append(compare(tracks, truth).assign(material=RENDERED, scene=title))
+    every = pandas.concat(judged)
+    drawn = every[every.material == RENDERED]
     return tables(
-        facing=facing_rows(every), confidence=confidence_rows(every), place=place_rows(every), runners=runners
+        facing=facing_rows(drawn), confidence=confidence_rows(every), place=place_rows(every), runners=speed_rows(drawn)
     )
 
 
@@ -110,8 +106,9 @@ def everybody(scene: Scene, shown: Trajectories) -> Trajectories:
     return table_of(whole.merge(seen, "left", ["frame", "id"]).fillna({"visible": 0.0}), "everybody")
 
 
-def compare(tracks: Trajectories, truth: Trajectories, frame_s: float) -> pandas.DataFrame:
+def compare(tracks: Trajectories, truth: Trajectories) -> pandas.DataFrame:
     """Every row of tracks with what is true of the person who is nearest; NaN where nobody is."""
+    frame_s = float(np.ptp(tracks.timestamp_s) / np.ptp(tracks.frame))
     sequence = build_sequence(truth, tracks, floor_similarity(GATE_M))
     truth_row, track_row = clear_scores(sequence).matches.T
     speed_mps = np.hypot(*velocities(truth, frame_s).T)
@@ -147,14 +144,13 @@ def facing_rows(rows: pandas.DataFrame) -> list[Row]:
     rows = rows[(rows.state == "confirmed") & (rows.visible > 0.0) & rows.facing_deg.notna()]
     off_deg = np.abs((rows.facing_deg - rows.true_facing_deg + 180.0) % 360.0 - 180.0)
     rows = rows.assign(right=off_deg < 90.0, axis_deg=np.minimum(off_deg, 180.0 - off_deg))
-    parts = _in_bins(rows, "stopped_s", STOPPED)
-    parts["all"] = rows
+    stopped = rows.groupby(_bin(rows.stopped_s, STOPPED), observed=True)
     figures: list[Row] = []
-    for name, part in parts.items():
+    for name, part in (*stopped, ("all", rows)):
         sure = part[part.facing_confidence >= SURE_FACING]
         figures.append(
             {
-                "facing": name,
+                "rendered: facing": name,
                 "rows": len(part),
                 "right": _share(part, "right"),
                 "claimed": part.facing_confidence.mean(),
@@ -167,71 +163,59 @@ def facing_rows(rows: pandas.DataFrame) -> list[Row]:
 
 
 def confidence_rows(rows: pandas.DataFrame) -> list[Row]:
-    """How many rows show somebody, next to what is said; of rows with a prediction only, in the image or beyond it,
-    separately."""
-    rows = rows.assign(right=rows.true_id.notna())
-    is_predicted = rows.state == "lost"
+    """How many rows show somebody, next to what is said, by state: ``lost`` people are predicted, in the image or
+    beyond it."""
+    rows = rows.assign(right=rows.true_id.notna(), bin=_bin(rows.confidence, CONFIDENCES))
     figures: list[Row] = []
-    for kind, part in (("seen", rows[~is_predicted]), ("predicted", rows[is_predicted])):
-        for name, some in _in_bins(part, "confidence", CONFIDENCES).items():
-            figures.append(
-                {
-                    "confidence": f"{kind}, {name}",
-                    "rows": len(some),
-                    "right": _share(some, "right"),
-                    "claimed": some.confidence.mean(),
-                }
-            )
+    for (material, state, name), part in rows.groupby(["material", "state", "bin"], observed=True):
+        figures.append(
+            {
+                "confidence": f"{material}: {state}, {name}",
+                "rows": len(part),
+                "right": _share(part, "right"),
+                "claimed": part.confidence.mean(),
+            }
+        )
     return figures
 
 
 def place_rows(rows: pandas.DataFrame) -> list[Row]:
-    """Errors of places over ``std_m``, rms of both axes, by distance from the camera and by what is visible."""
+    """Errors of places over ``std_m``, rms of both axes, by the size of ``std_m``."""
     rows = rows[(rows.state == "confirmed") & (rows.visible >= VISIBLE_MIN)]
     error_m = np.hypot(rows.x_m - rows.true_x_m, rows.y_m - rows.true_y_m) / np.sqrt(2.0)
-    away_m = np.hypot(rows.x_m, rows.y_m)
-    rows = rows.assign(error_m=error_m, ratio=error_m / rows.std_m, away_m=away_m)
-    parts = {**_in_bins(rows, "away_m", DISTANCES), **_in_bins(rows, "visible", VISIBILITIES), "all": rows}
-    figures: list[Row] = []
-    for name, part in parts.items():
-        figures.append(
-            {
-                "place": name,
-                "rows": len(part),
-                "error cm": 100.0 * _rms(part.error_m),
-                "std cm": 100.0 * _rms(part.std_m),
-                "error / std": _rms(part.ratio),
-                "median error / std": part.ratio.median(),
-            }
-        )
-    return figures
+    rows = rows.assign(error_m=error_m, ratio=error_m / rows.std_m, std="all")
+    rank = rows.groupby("material").std_m.rank("first", pct=True)
+    thirds = rows.assign(std=pandas.qcut(rank, 3, ["smallest third", "middle third", "largest third"]))
+    parts = pandas.concat([rows, thirds]).groupby(["material", "std"])
+    figures = parts.agg(
+        rows=("ratio", "size"),
+        error_m=("error_m", _rms),
+        std_m=("std_m", _rms),
+        error_over_std=("ratio", _rms),
+    )
+    return list(figures.reset_index().to_dict("records"))
 
 
-def speed_rows(rows: pandas.DataFrame, recording: str) -> list[Row]:
+def speed_rows(rows: pandas.DataFrame) -> list[Row]:
     """True and reported speed of everybody who runs, and how many ids they have."""
     running = rows[(rows.state == "confirmed") & (rows.true_mps >= RUNNING_MPS)]
-    figures: list[Row] = []
-    for person, part in running.groupby("true_id"):
-        figures.append(
-            {
-                "recording": recording,
-                "person": int(person),
-                "rows": len(part),
-                "true m/s": part.true_mps.median(),
-                "reported m/s": np.hypot(part.vx_mps, part.vy_mps).median(),
-                "ids": part.id.nunique(),
-            }
+    reported_mps = np.hypot(running.vx_mps, running.vy_mps)
+    figures = (
+        running.assign(reported_mps=reported_mps)
+        .groupby(["scene", "true_id"])
+        .agg(
+            rows=("id", "size"),
+            true_mps=("true_mps", "median"),
+            reported_mps=("reported_mps", "median"),
+            ids=("id", "nunique"),
         )
-    return figures
+    )
+    return list(figures.reset_index().to_dict("records"))
 
 
-def _in_bins(rows: pandas.DataFrame, column: str, bins: Bins) -> dict[str, pandas.DataFrame]:
-    parts = {}
-    for name, (low, high) in bins.items():
-        part = rows[(rows[column] >= low) & (rows[column] < high)]
-        if len(part):
-            parts[name] = part
-    return parts
+def _bin(values: pandas.Series[float], bins: Mapping[str, float]) -> pandas.Series[str]:
+    """The name of the bin of each value."""
+    return pandas.cut(values, [*bins.values(), np.inf], right=False, labels=list(bins))
 
 
 def _rms(values: pandas.Series[float]) -> float:

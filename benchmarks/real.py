@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from pandas import read_csv
 
-from benchmarks.claims import GATE_M, WALKING_MPS
 from benchmarks.options import Report, Row, benchmark, progress
 from benchmarks.passes import FACING, bench_engine
 from calib.errors import InputError
@@ -42,6 +41,10 @@ SEPARATE_MIN = 4
 """Fewer steps give no interval."""
 DRAWS = 500
 """Bootstrap draws of steps for an interval."""
+GATE_M = 0.5
+"""A row shows somebody who is nearer than this [m]: as tracks are scored."""
+WALKING_MPS = 0.3
+"""Speed from which somebody walks [m/s]."""
 
 
 @benchmark
@@ -97,9 +100,7 @@ def score_recording(folder: Path, tracker: str, settings: Sequence[str]) -> Row:
     truth = truth_of(folder)
     engine = bench_engine(folder, tracker, load_config(None, settings, base_config(folder)))
     tracks = run(engine)
-    judged = np.unique(truth.frame)
-    if (folder / "truth.csv").is_file():  # frames without a row are empty
-        judged = np.arange(max(engine.recording.n_frames, int(judged.max()) + 1))
+    judged = judged_frames(folder, truth, engine.recording.n_frames)
     evaluation = evaluate_tracks(tracks.where(np.isin(tracks.frame, judged)), truth)
     row: Row = {"recording": folder.name, "tracker": tracker}
     row |= count_people(tracks, truth, judged)
@@ -126,6 +127,13 @@ def truth_of(folder: Path) -> Trajectories:
         "visible": ~both_stand,
     }
     return table_of(columns, WALKER_PATH)
+
+
+def judged_frames(folder: Path, truth: Trajectories, n_frames: int) -> I64:
+    """(F,) frames in which tracks are judged, of a recording of at least so many."""
+    if (folder / "truth.csv").is_file():  # frames without a row are empty
+        return np.arange(max(n_frames, int(truth.frame.max()) + 1))
+    return np.unique(truth.frame)
 
 
 def count_people(tracks: Trajectories, truth: Trajectories, frames: I64) -> Row:

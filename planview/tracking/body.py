@@ -76,6 +76,8 @@ LEAN_M = 0.2
 """Head before the feet of somebody who looks at a phone, at the floor or into a shelf [m]; shoulders half of it."""
 LEAN_STD_M = 0.15
 """Deviation of a lean [m]."""
+LEAN_ERROR = 0.25
+"""Deviation of a head's place for each metre by which it was seen before the feet (real recordings from above)."""
 APART_M = 2.0 * TORSO.torso_radius_m
 """Axes of two bodies side by side [m]."""
 

@@ -20,11 +20,9 @@ from planview.tracking.explain.samples import TINY, PosePrior
 from planview.tracking.kalman import FloorKalman
 from planview.tracking.odds import probability
 
-SHAPE_STD_M = 0.015
-"""Deviation of a place along each axis because a body is thicker or thinner than its table [m]: 2 cm along the ray."""
 BENT_SHARE = 0.7
-"""Deviation of a head's place for each metre by which it was seen lower than upright or before the feet: how bent
-bodies stand, and surfaces that look like a lean (our choice: rendered people)."""
+"""Deviation of a head's place for each metre by which it was seen lower than upright: how bent bodies stand (our
+choice: rendered people)."""
 GAIT_M = 0.03
 """A head bobs while walking [m]."""
 HEIGHT_SEEN_STD_M = 0.08
@@ -125,7 +123,7 @@ class Glimpse(NamedTuple):
         inside_share: share of the body inside the image.
         patches: of the body in view.
         head_in_view: the top of the head is inside of an image.
-        shared_std_m: deviation of the place by the error of disparity that all pixels share [m].
+        shared_std_m: deviation of the place by the errors that all pixels share [m].
     """
 
     evidence: float
@@ -292,11 +290,12 @@ class Person:
     @property
     def head_std_m(self) -> float:
         """Deviation of the place below the head along each axis of the floor [m]: of the filter, of what all pixels
-        have in common, and of how a body is shaped and stands."""
+        have in common, and of how a body stands."""
         lower_m = max(self.identity.stature.mean_m - self.height_m, 0.0)
-        bend_std_m = BENT_SHARE * (lower_m + self.stance.lean_m)
-        place_var = 0.5 * float(np.trace(self.kalman.covariance[:2, :2]))
-        return math.sqrt(place_var + self.glimpse.shared_std_m**2 + SHAPE_STD_M**2 + bend_std_m**2)
+        bent_m = BENT_SHARE * lower_m
+        leant_m = body.LEAN_ERROR * self.stance.lean_m
+        place_std_m = math.sqrt(0.5 * np.trace(self.kalman.covariance[:2, :2]))
+        return math.hypot(place_std_m, self.glimpse.shared_std_m, bent_m, leant_m)
 
     @property
     def pose_prior(self) -> PosePrior:

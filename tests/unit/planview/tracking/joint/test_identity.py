@@ -14,7 +14,7 @@ from planview.tracking.explain.clothes import Clothes, stranger_colours
 from planview.tracking.explain.explanation import Explanation, upright_pose
 from planview.tracking.explain.facing import Gait, Stance
 from planview.tracking.explain.identity import Exchanges, _log_odds
-from planview.tracking.explain.person import SHAPE_STD_M, Glimpse, Person, Sighting, Stature
+from planview.tracking.explain.person import Glimpse, Person, Sighting, Stature
 from planview.tracking.joint import JointTracker
 from planview.tracking.joint.ranges import JointParams
 from planview.tracking.kalman import FloorKalman
@@ -185,7 +185,6 @@ def test_the_deviation_of_a_place_holds_the_lean_and_what_all_pixels_share():
     person.kalman = FloorKalman.from_measurement(np.zeros(2), 0.03**2 * np.eye(2))
     person.height_m = person.identity.stature.mean_m = 1.7
     see(person, shared_std_m=0.04)
-    upright_m = person.head_std_m
-    assert upright_m == pytest.approx(np.hypot(0.05, SHAPE_STD_M))
-    person.height_m, person.stance.lean_m = 1.6, 0.1  # bent
-    assert person.head_std_m == pytest.approx(np.hypot(upright_m, 0.7 * 0.2))
+    assert person.head_std_m == pytest.approx(0.05)
+    person.stance.lean_m = 0.2
+    assert person.head_std_m == pytest.approx(np.hypot(0.05, body.LEAN_ERROR * 0.2))
