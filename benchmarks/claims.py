@@ -16,13 +16,13 @@ from calib.io import load_toml
 from calib.types import F64
 from planview.engine.config import load_config
 from planview.engine.open import base_config
-from planview.evaluation.evaluate import velocities
 from planview.evaluation.metrics import build_sequence, clear_scores, floor_similarity
 from planview.synthetic.assets import SCENES, real_recordings
 from planview.synthetic.camera import mount_pose, rectified_world, stereo_rig
 from planview.synthetic.people import Cast
 from planview.synthetic.scene import Scene
 from planview.synthetic.texture import Palette
+from planview.trajectories.ends import velocities
 from planview.trajectories.state import SURE_FACING
 from planview.trajectories.table import Trajectories, read_tracks, read_truth, rows_by_id, table_of
 
@@ -111,7 +111,7 @@ def compare(tracks: Trajectories, truth: Trajectories) -> pandas.DataFrame:
     frame_s = float(np.ptp(tracks.timestamp_s) / np.ptp(tracks.frame))
     sequence = build_sequence(truth, tracks, floor_similarity(GATE_M))
     truth_row, track_row = clear_scores(sequence).matches.T
-    speed_mps = np.hypot(*velocities(truth, frame_s).T)
+    speed_mps = np.hypot(*velocities(truth, frame_s * truth.frame.astype(np.float64)).T)
     true = {
         "true_id": truth.track_id,
         "true_x_m": truth.x_m,

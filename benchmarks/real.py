@@ -16,9 +16,10 @@ from calib.types import F64, I64
 from planview.api.run import run
 from planview.engine.config import load_config
 from planview.engine.open import base_config
-from planview.evaluation.evaluate import evaluate_tracks, velocities
+from planview.evaluation.evaluate import evaluate_tracks
 from planview.evaluation.metrics import build_sequence, clear_scores, floor_similarity
 from planview.synthetic.assets import real_recordings
+from planview.trajectories.ends import velocities
 from planview.trajectories.table import Trajectories, read_truth, table_of
 
 BASELINE = "peaks"
@@ -169,7 +170,7 @@ def ahead_of_heads_cm(tracks: Trajectories, truth: Trajectories, frame_s: float)
     registered to the centimetre, which moves everybody alike. The interval is from bootstrapping the walkers' steps.
     """
     confirmed = tracks.where(tracks.state == "confirmed")
-    velocity_mps = velocities(truth, frame_s)
+    velocity_mps = velocities(truth, frame_s * truth.frame.astype(np.float64))
     speed_mps = np.hypot(*velocity_mps.T)
     true_row, row = clear_scores(build_sequence(truth, confirmed, floor_similarity(GATE_M))).matches.T
     is_judged = (speed_mps[true_row] >= WALKING_MPS) & ~(truth.visible[true_row] <= 0)

@@ -38,7 +38,7 @@ from planview.evaluation.significant import (
     significant_errors,
     strict_identity_changes,
 )
-from planview.trajectories.ends import track_numbers
+from planview.trajectories.ends import velocities
 from planview.trajectories.file import warn_of
 from planview.trajectories.state import SURE_FACING
 from planview.trajectories.table import (
@@ -58,9 +58,6 @@ STRANGE = 0.1
 WALKS_S = 2.0
 """And one that is longer and goes farther than this walks as people do: flickers do not (our choice)."""
 WALKS_M = 1.0
-STEP_S = 0.25
-"""Time before and after, between which the velocity of the truth is measured [s]. Half a stride, so that
-the sway of a walker cancels."""
 
 
 class EvaluationParams(Params):
@@ -181,6 +178,7 @@ def _score(tracks: Trajectories, truth: Trajectories, params: EvaluationParams, 
     share_world = on_floor or alignment is not None
     height_error_m = np.abs(followed.height_m[k] - counted.height_m[t])
     height_ratio = counted.height_m[t] / followed.height_m[k]
+    velocity_mps = velocities(people, frame_s * people.frame.astype(np.float64))[~is_hidden][t]
     return Evaluation(
         sequence=sequence,
         clear=clear,
@@ -188,9 +186,7 @@ def _score(tracks: Trajectories, truth: Trajectories, params: EvaluationParams, 
         ignored_rows=int(is_hidden.sum()),
         height_error_m=height_error_m[np.isfinite(height_error_m)],
         height_ratio=_median(height_ratio),
-        facing=_facing_errors(
-            followed.where(k if share_world else k[:0]), counted.where(t), velocities(people, frame_s)[~is_hidden][t]
-        ),
+        facing=_facing_errors(followed.where(k if share_world else k[:0]), counted.where(t), velocity_mps),
         significant=significant,
         events=len(grouped_events(significant, EVENT_S / frame_s)),
         strict_identity_changes=strict_identity_changes(persons, frame_s),
@@ -360,17 +356,3 @@ def _facing_errors(tracks: Trajectories, truth: Trajectories, velocity_mps: F64)
 def _angle_between(a_deg: F64, b_deg: F64) -> F64:
     """(N,) differences of directions, 0 to 180 [deg]."""
     return np.abs((a_deg - b_deg + 180.0) % 360.0 - 180.0)
-
-
-def velocities(table: Trajectories, frame_s: float) -> F64:
-    """(N, 2) velocities of the rows of a table [m/s], from places STEP_S before and after; NaN for a single row."""
-    velocity = np.full((len(table), 2), np.nan)
-    for _, rows in rows_by_id(track_numbers(table, table.frame.astype(np.float64) * frame_s)):
-        times_s = table.frame[rows] * frame_s
-        before_s = np.maximum(times_s - STEP_S, times_s[0])
-        after_s = np.minimum(times_s + STEP_S, times_s[-1])
-        span_s = np.where(after_s > before_s, after_s - before_s, np.nan)
-        for axis, place in enumerate((table.x_m[rows], table.y_m[rows])):
-            moved_m = np.interp(after_s, times_s, place) - np.interp(before_s, times_s, place)
-            velocity[rows, axis] = moved_m / span_s
-    return velocity

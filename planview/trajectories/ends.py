@@ -7,7 +7,7 @@ from typing import Any, overload
 import numpy as np
 
 from calib.types import F64, I64, Bool
-from planview.trajectories.table import Trajectories
+from planview.trajectories.table import Trajectories, rows_by_id
 
 HIDDEN_S = 4.0
 """Without a row for longer a track has ended [s]: people who are lost for longer are gone (Harville 2002, section 4).
@@ -18,6 +18,9 @@ JUMP_MPS = 8.0
 ERROR_M = 3.0
 """A shorter jump may correct the place of the same person [m]. Our choice: three times JUMP_M, more than our trackers
 ever err."""
+STEP_S = 0.25
+"""Time before and after, between which a velocity is measured [s]. Half a stride, so that the sway of a walker
+cancels."""
 BOX_M = 1.7
 """Height that a box is taken to show where only boxes are known: it gives metres to pixels [m]."""
 
@@ -113,3 +116,23 @@ def track_numbers(table: Trajectories, times_s: F64) -> I64:
     numbers = np.empty_like(begins)
     numbers[order] = np.cumsum(begins[order]) - 1
     return numbers
+
+
+def velocities(table: Trajectories, times_s: F64, places: F64 | None = None) -> F64:
+    """(N, 2) velocities of the rows of a table, at (N,) times [s], from (N, 2) places STEP_S before and after, by
+    default those on the floor; NaN for a single row. Rows of one time, as of clocks that count whole seconds, have one
+    place and one velocity."""
+    if places is None:
+        places = np.column_stack([table.x_m, table.y_m])
+    velocity = np.full(places.shape, np.nan)
+    for _, rows in rows_by_id(track_numbers(table, times_s)):
+        moments_s, moment = np.unique(times_s[rows], return_inverse=True)
+        before_s = np.maximum(moments_s - STEP_S, moments_s[0])
+        after_s = np.minimum(moments_s + STEP_S, moments_s[-1])
+        span_s = np.where(after_s > before_s, after_s - before_s, np.nan)
+        counts = np.bincount(moment)
+        for axis in (0, 1):
+            place = np.bincount(moment, places[rows, axis]) / counts
+            moved = np.interp(after_s, moments_s, place) - np.interp(before_s, moments_s, place)
+            velocity[rows, axis] = (moved / span_s)[moment]
+    return velocity

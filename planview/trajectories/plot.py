@@ -11,7 +11,7 @@ import numpy as np
 from calib.errors import InputError
 from calib.types import F64, I64, Bool
 from planview.trajectories.clock import USUAL_FPS, Clock
-from planview.trajectories.ends import track_numbers
+from planview.trajectories.ends import track_numbers, velocities
 from planview.trajectories.state import State
 from planview.trajectories.table import Trajectories, frame_step, people_of, rows_by_id
 
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 Colouring = Literal["id", "time"]
 NAMED_MAX = 20
 """Ids in a legend; more cannot be told apart by their colours."""
-SMOOTH_S = 0.5
-"""Time over which a speed is the mean [s]: about one step."""
 TRUTH_COLOUR = "#141414"
 INK = "#333333"
 FAINT = "#b9bec6"
@@ -49,7 +47,7 @@ def person_hex(track_id: int) -> str:
 
 class _Rows(NamedTuple):
     """Rows of people with a place: (N,) ids, numbers of the tracks, frames, times, and whether they were seen; (N, 2)
-    places on the floor [m], or of the middle of the lower edge of boxes [px]."""
+    places on the floor [m], or of the middle of the lower edge of boxes [px], and velocities."""
 
     track_id: I64
     track: I64
@@ -153,7 +151,7 @@ def plot_flow(tracks: Trajectories, axes: Axes) -> Axes:
     people = _rows_on_floor(tracks)
     if len(people.place):
         x, y = _edges(people.place, FLOW_CELL_M)
-        velocity = np.nan_to_num(_velocities(people))
+        velocity = np.nan_to_num(people.velocity)
         flow_x = _mean_per_m2(people.place, x, y, velocity[:, 0], tracks)
         flow_y = _mean_per_m2(people.place, x, y, velocity[:, 1], tracks)
         flow = np.hypot(flow_x, flow_y)
@@ -211,18 +209,16 @@ def plot_speed(tracks: Trajectories, axes: Axes, *, colour: str = "id", label: s
     rows, unit = _rows_of_people(tracks)
     people = rows.where(rows.is_seen)
     named = _by_length(people.track_id)[:NAMED_MAX]
-    speeds = np.empty(len(people.frame))
-    for _, indices in rows_by_id(people.track):
-        track = people.where(indices)
-        speeds[indices] = _speed(track)
-        if colour == "id":
+    speeds = np.hypot(*people.velocity.T)
+    if colour == "id":
+        for _, indices in rows_by_id(people.track):
+            track = people.where(indices)
             line = _with_gaps(np.column_stack([track.time_s, speeds[indices]]), track)
             track_id = int(track.track_id[0])
             if track_id in named:
                 axes.plot(*line.T, color=person_hex(track_id), lw=1.2, zorder=2)
             else:
                 axes.plot(*line.T, color=FAINT, lw=1.2, zorder=1)
-    if colour == "id":
         axes.set_ylabel(f"speed [{unit}/s]")
         return time_axes(axes)
     is_known = np.isfinite(speeds)
@@ -274,9 +270,12 @@ def _rows_with_places(tracks: Trajectories, keep: Bool | None = None) -> tuple[_
     time_s = Clock(tracks, USUAL_FPS).at(tracks.frame)
     is_seen = np.asarray(tracks.state == "confirmed")
     track = track_numbers(tracks, time_s)
-    rows = _Rows(tracks.track_id, track, tracks.frame, time_s, is_seen, place, tracks.velocity_mps)
     if keep is not None:
         is_known &= keep
+    seen = np.flatnonzero(is_known & is_seen)
+    velocity = np.full_like(place, np.nan)
+    velocity[seen] = velocities(tracks.where(seen), time_s[seen], place[seen])
+    rows = _Rows(tracks.track_id, track, tracks.frame, time_s, is_seen, place, velocity)
     return rows.where(np.asarray(is_known)), unit
 
 
@@ -290,38 +289,6 @@ def _gaps(person: _Rows) -> I64:
     is_missing = np.diff(person.frame) > 2 * frame_step(person.frame)
     has_ended = np.diff(person.track) != 0
     return np.flatnonzero(is_missing | has_ended) + 1
-
-
-def _velocities(people: _Rows) -> F64:
-    """(N, 2) velocities; where no row has one, by the places of each track at different times."""
-    velocity = people.velocity
-    if np.isfinite(velocity).any():
-        return velocity
-    velocity = np.full_like(velocity, np.nan)
-    for _, indices in rows_by_id(people.track):
-        # Rows of one time, as of clocks that count whole seconds, have one place and one velocity.
-        times_s, moment = np.unique(people.time_s[indices], return_inverse=True)
-        if len(times_s) > 1:
-            rows = np.bincount(moment)
-            for axis in (0, 1):
-                place = np.bincount(moment, people.place[indices, axis]) / rows
-                velocity[indices, axis] = np.gradient(place, times_s)[moment]
-    return velocity
-
-
-def _speed(track: _Rows) -> F64:
-    """(N,) speeds of one track, smoothed."""
-    speed = np.hypot(*_velocities(track).T)
-    usual_s = 1.0
-    if len(speed) > 1:
-        steps_s = np.diff(track.time_s)
-        usual_s = float(np.median(steps_s) or np.mean(steps_s))
-    rows = np.clip(round(SMOOTH_S / max(usual_s, 1e-6)), 1, len(speed))
-    is_known = np.isfinite(speed)
-    kernel = np.ones(int(rows))
-    total = np.convolve(np.where(is_known, speed, 0.0), kernel, mode="same")
-    count = np.convolve(is_known, kernel, mode="same")
-    return np.asarray(np.where(count > 0.5, total / np.maximum(count, 1), np.nan))
 
 
 def _floor_axes(axes: Axes, unit: str) -> Axes:
