@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import atexit
 import gc
 import inspect
 import os
@@ -151,6 +152,7 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | N
 
     words = sys.argv[1:] if argv is None else argv
     gc.disable()  # imports leave no garbage, and looking for it takes a seventh of their time
+    atexit.register(gc.freeze)  # nor does it help an end: Python looks through all that was imported
     _stop_on_signals()
     warnings.showwarning = _note
     try:

@@ -16,12 +16,12 @@ from calib.floor.find import find_floor
 from calib.floor.plane import FLOOR_DISPARITY_STD_PX, INLIER_SIGMAS, MAD_TO_SIGMA, TUKEY_C, FloorParams, Plane, sandwich
 from calib.images import as_grey
 from calib.params import Params
-from calib.rig import Floor, StereoRig
+from calib.rig import Floor
 from calib.types import F32, F64, U8, AnyArray, Bool
 from stereo.depth import RectifiedGeometry, back_project, median_image
 from stereo.matcher import RangeParams, SgbmMatcher, SgbmParams, disparity_range
 from stereo.recording import DepthCamera, Frame, Recording, Shot, StereoPair
-from stereo.rectify import Rectified, Rectifier, RectifyParams, aligned_rectifier
+from stereo.rectify import Rectified, RectifyParams, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
 from stereo.rig_correction import RigCorrection, match_corners
 from stereo.thumbnails import Thumbnails
@@ -71,6 +71,7 @@ class PairFrames:
     Attributes:
         sensor: what recorded them.
         frames: as recorded.
+        plain: rectifier of the calibration as it is.
         rectifier: of the corrected calibration.
         correction: of the calibration, in pixels of the rectifier's images.
         searched: disparities from infinity to ``range.nearest_m``.
@@ -84,21 +85,11 @@ class PairFrames:
         self.view = view
         self.sensor = sensor
         self._search = search
-        self.rectifier, self.correction = aligned_rectifier(sensor.rig, frames, self._search.rectify)
+        self.plain, self.rectifier, self.correction = aligned_rectifier(sensor.rig, frames, self._search.rectify)
         geometry = self.rectifier.geometry
         self.searched = disparity_range(geometry, self._search.range)
         masks = self.rectifier.mask, self.rectifier.right_mask
         self._match = SgbmMatcher(geometry, self._search.sgbm, self.searched, *masks)
-
-    @property
-    def rig(self) -> StereoRig:
-        """The corrected calibration."""
-        return self.correction(self.sensor.rig)
-
-    @cached_property
-    def plain(self) -> Rectifier:
-        """The rectifier of the calibration as it is."""
-        return Rectifier(self.sensor.rig, self._search.rectify)
 
     @cached_property
     def matches(self) -> F64:
@@ -107,12 +98,14 @@ class PairFrames:
         Disparities of both signs are searched, and rows that are wide apart, as they are when the wrong calibration is
         taken to an image: a rig turned by 2 degrees still matches.
         """
-        searched = disparity_range(self.plain.geometry)
-        corners = [np.empty((0, 4))]
-        largest = float(searched.first_px + searched.count)
+        geometry = self.plain.geometry
+        searched = disparity_range(geometry)
+        corners = list[F64]()
+        largest = searched.first_px + searched.count
+        rows_px = geometry.width * 3 // 80
         for frame in self.frames[:: -(-len(self.frames) // 4)]:
             pair = self.plain(*frame.images)
-            corners.append(match_corners(pair.left_grey, pair.right_grey, largest, -largest, search_px=24))
+            corners.append(match_corners(pair.left_grey, pair.right_grey, largest, -largest, search_px=rows_px))
         return np.concatenate(corners)
 
     @cached_property
@@ -342,7 +335,9 @@ def floor_in(
         blind: what may be wrong when there is hardly any depth, for the message.
         align: improves the plane that was chosen.
     """
-    grids = [back_project(d, geometry)[::FITTED_STEP_PX, ::FITTED_STEP_PX] for d in depths]
+    fitted = np.s_[::FITTED_STEP_PX, ::FITTED_STEP_PX]
+    rays = back_project(np.ones(geometry.size[::-1], np.float32), geometry)[fitted]
+    grids = [depth[fitted][..., None] * rays for depth in depths]
     clouds = [grid.reshape(-1, 3) for grid in grids]
     valid = float(np.median([np.isfinite(cloud[:, 2]).mean() for cloud in clouds])) if clouds else 0.0
     if valid < MIN_VALID:

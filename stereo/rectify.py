@@ -253,9 +253,9 @@ class Rectifier:
 
 def aligned_rectifier(
     rig: StereoRig, frames: Iterable[Frame[Shot]], params: RectifyParams | None = None
-) -> tuple[Rectifier, RigCorrection]:
-    """A rectifier of the calibration as some frames correct it, a dozen spread over the recording, so that light and
-    movement differ; and what was measured, in pixels of its images."""
+) -> tuple[Rectifier, Rectifier, RigCorrection]:
+    """Rectifiers of the calibration as it is and as some frames correct it, a dozen spread over the recording, so that
+    light and movement differ; and what was measured, in pixels of the images of the second."""
     params = params or RectifyParams()
     # Longest side of the images in which the calibration is corrected [px]: more cost time.
     plain = Rectifier(rig, params.model_copy(update={"working_px": 1280}))
@@ -270,7 +270,7 @@ def aligned_rectifier(
     scale = rectifier.geometry.width / plain.geometry.width
     before_px = correction.before_px * scale
     after_px = correction.after_px * scale
-    return rectifier, replace(correction, before_px=before_px, after_px=after_px)
+    return plain, rectifier, replace(correction, before_px=before_px, after_px=after_px)
 
 
 def rectified_rig(rig: StereoRig) -> StereoRig:

@@ -26,7 +26,6 @@ from stereo.doctor.overlay import SHIFT_PX_MAX, small_depths, small_images
 from stereo.doctor.pairs import CHANGE_LEVEL
 from stereo.floor import DepthFrames, FloorSearch, PairFrames
 from stereo.recording import DepthCamera, Frame, Recording, Shot, StereoPair
-from stereo.rig_correction import fit_correction
 
 MIN_MATCHES = 60
 """Fewest corners found in both images on which the geometry is judged."""
@@ -40,13 +39,12 @@ def alignment_checks(seen: PairFrames) -> list[Check]:
     ordered = math.nan
     turned_deg = math.nan
     std_deg = math.nan
+    correction = seen.correction
     if len(matches) >= MIN_MATCHES:
         offset_px = float(np.median(np.abs(matches[:, 3]))) * 640.0 / plain.geometry.width
         ordered = float(np.mean(matches[:, 0] - matches[:, 2] > -0.5))
-        turn = fit_correction(matches, plain.geometry)
-        turned_deg = float(np.degrees(np.linalg.norm(turn.applied)))
-        std_deg = float(np.degrees(np.linalg.norm(turn.deviations)))
-    correction = seen.correction
+        turned_deg = float(np.degrees(np.linalg.norm(correction.applied)))
+        std_deg = float(np.degrees(np.linalg.norm(correction.deviations)))
     return [
         limit_check("matched corners", float(len(matches)), "", "corners that both cameras show", least=MIN_MATCHES),
         # Share of corners whose right place is to the left of the left one; far corners may err by calibration.

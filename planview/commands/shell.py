@@ -97,6 +97,7 @@ def command(
     """
     signature = inspect.signature(function)
     own = own or {}
+    types = types or {}
     names = {name: option for name, option in _OPTIONS.items() if name in signature.parameters} | dict(names or {})
     options_of = _option_names(signature, names)
     group_of = {
@@ -109,8 +110,8 @@ def command(
     for one in (dict(signature.parameters) | switches).values():
         if one.name in own:
             kind: Any = Annotated[bool, Parameter(negative="", help=own[one.name])]
-        elif one.name in (types or {}):
-            kind = (types or {})[one.name]
+        elif one.name in types:
+            kind = types[one.name]
         else:
             kind = _typed(str(one.annotation), function)
         if kind is None:
@@ -125,10 +126,11 @@ def command(
 
     def of(show: Callable[[Call], object]) -> Callable[..., None]:
         def run(*args: Any, **kwargs: Any) -> None:
-            switched = {name: bool(kwargs.pop(name, False)) for name in own}
+            switched = {name: kwargs.pop(name, False) for name in own}
             bound = signature.bind(*args, **kwargs)
             bound.apply_defaults()
-            gc.enable()  # all is imported (see ``cli.main``)
+            gc.freeze()  # all is imported (see ``cli.main``), and stays
+            gc.enable()
             try:
                 show(Call(function, bound, switched, options_of))
             except (InputError, WorkError) as error:

@@ -124,6 +124,10 @@ def log_odds_same_height(
     return math.log(same / ((1 - THING_SHARE) * stranger + THING_SHARE / HEIGHT_MEAN_M))
 
 
+BLUR_M = 0.04
+"""Deviation of a body's outline from the cylinders: clothes, arms and posture [m] (Harville 2002: 1 to 4 cm)."""
+
+
 class BodyPart(NamedTuple):
     """Cylinders of a body that are drawn together.
 
@@ -135,7 +139,7 @@ class BodyPart(NamedTuple):
     """
 
     profile: Profile
-    blur_m: float
+    blur_m: float = BLUR_M
     covers: float = 1.0
 
 
@@ -170,8 +174,6 @@ FACINGS_PER_RAD = FACINGS / (2.0 * math.pi)
 HALF_TURN_RAD = [facing / FACINGS_PER_RAD for facing in range(FACINGS // 2 + 1)]
 TABLE_CELL_M = 0.025
 """Side of a cell of a table, across and up [m]."""
-BLUR_M = 0.04
-"""Deviation of a body's outline from the cylinders: clothes, arms and posture [m] (Harville 2002: 1 to 4 cm)."""
 SURFACE_STD_M = 0.10
 """Deviation of a body's surface from its table [m]."""
 U_CELLS = 32
@@ -181,18 +183,17 @@ W_CELLS = 88
 @lru_cache(maxsize=1)
 def body_table() -> BodyTable:
     """Table of a person: trunk and head, with arms and strides."""
-    parts = BodyPart(TRUNK, BLUR_M), BodyPart(HEAD, BLUR_M), BodyPart(LIMBS, BLUR_M, LIMBS_SHARE)
-    cover: list[F32] = []
-    front: list[F32] = []
-    for lean_m in (0.0, LEAN_M):
-        half = build_table(parts, HALF_TURN_RAD, lean_m)
-        for facing in range(FACINGS):
-            # Seen from its right a body is the mirror image of itself seen from its left.
-            mirror = slice(None, None, 1 if facing <= FACINGS // 2 else -1)
-            turned = min(facing, FACINGS - facing)
-            cover.append(half.cover[turned, :, mirror])
-            front.append(half.front[turned, :, mirror])
-    return half._replace(cover=np.stack(cover), front=np.stack(front))
+    parts = BodyPart(TRUNK), BodyPart(HEAD), BodyPart(LIMBS, covers=LIMBS_SHARE)
+    tables = list[F32]()
+    # Upright it looks from behind as from before.
+    for lean_m, period in ((0.0, FACINGS // 2), (LEAN_M, FACINGS)):
+        half = build_table(parts, HALF_TURN_RAD[: period // 2 + 1], lean_m)
+        table = np.stack(half[:2])
+        # Seen from its right a body is the mirror image of itself seen from its left.
+        around = np.concatenate([table, table[:, -2:0:-1, :, ::-1]], axis=1)
+        tables += [around] * (FACINGS // period)
+    cover, front = np.concatenate(tables, 1)
+    return half._replace(cover=cover, front=front)
 
 
 @lru_cache(maxsize=1)
@@ -200,7 +201,7 @@ def thing_tables() -> tuple[BodyTable, ...]:
     """Tables of things, scaled as bodies are; front and back look the same."""
     tables = []
     for bottom, slimness, depth in THINGS:
-        part = BodyPart(((bottom, 1.0, slimness * TORSO.height_m, depth),), BLUR_M)
+        part = BodyPart(((bottom, 1.0, slimness * TORSO.height_m, depth),))
         turns_rad = HALF_TURN_RAD[:-1] if depth < 1.0 else HALF_TURN_RAD[:1]
         tables.append(build_table((part,), turns_rad, u_cells=2 * U_CELLS))
     return tuple(tables)

@@ -105,8 +105,8 @@ def test_source_pixels_lead_back_to_the_recorded_pixel():
 def test_aligned_rectifier_takes_out_a_turn_the_calibration_missed(turn_deg):
     true, claimed = toy_rig(rotation_deg=turn_deg), toy_rig()
     world = ToyWorld()
-    frames = [Frame(i, i / 15, (world.pair(true, walking(i), i),)) for i in (0, 20)]
-    rectifier, found = aligned_rectifier(claimed, frames)
+    frames = [Frame(i, i, (world.pair(true, walking(i), i),)) for i in (0, 20)]
+    _, rectifier, found = aligned_rectifier(claimed, frames)
     left = (rectifier.rig.right_SE3_left @ true.right_SE3_left.inverse()).rotvec
     assert np.degrees(np.abs(left)).max() < 0.03 and found.after_px < 0.1 < found.before_px
 
