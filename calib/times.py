@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from decimal import Decimal
 from itertools import groupby
 from pathlib import Path
@@ -70,7 +70,7 @@ def read_stamps(source: Path | str, texts: Sequence[str], unit: str | None = Non
     where they have no offset. Raises InputError, which begins with the source: other text, or a time that no clock
     shows.
     """
-    dates = [_DATE.fullmatch(text.strip()) for text in texts]
+    dates = [_match_date(text) for text in texts]
     if any(dates):
         unit = "date"
         values = [_ns_of_date(source, text, date) for text, date in zip(texts, dates, strict=True)]
@@ -118,12 +118,17 @@ def seconds_of(source: Path | str, values: np.ndarray) -> F64:
 def is_time(text: str) -> bool:
     """True for a number, a date or a time of day."""
     text = text.strip()
-    return bool(_NUMBER.fullmatch(text) or _DATE.fullmatch(text))
+    return bool(_NUMBER.fullmatch(text) or _match_date(text))
+
+
+def _match_date(text: str) -> re.Match[str] | None:
+    """A date, the day first where dots separate it from month and year, or a time of day."""
+    return _DATE.fullmatch(re.sub(r"^(\d\d)\.(\d\d)\.(\d{4})\b", r"\3-\2-\1", text.strip()))
 
 
 def _number(source: Path | str, text: str) -> Decimal:
     text = text.strip()
-    if not _NUMBER.fullmatch(text) or abs(Decimal(text)) > 10**19:
+    if not _NUMBER.fullmatch(text):
         raise _no_time(source, text)
     return Decimal(text)
 
@@ -367,8 +372,5 @@ def doubts(frames: I64, times_s: F64) -> Sequence[str]:
 
 def jump_note(before_frame: int, frame: int, step_s: float) -> str:
     """A jump of the clock in words."""
-    size = f"{step_s / 60:.0f} minutes"
-    for unit, unit_s in (("hours", 3600.0), ("days", 86400.0)):
-        if step_s >= 2 * unit_s:
-            size = f"{step_s / unit_s:.1f} {unit}"
+    size = timedelta(seconds=round(step_s))
     return f"the clock jumps by {size} from frame {before_frame} to {frame}: durations and rates include the jump"

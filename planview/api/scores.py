@@ -100,13 +100,13 @@ def evaluate(
         first, *others = results.values()
         return replace(pool([first, *others]), recordings=results) if others else first
     rows, run = read_or_given(tracks)
+    if run:
+        rows = run.tracks
     if truth is None:
         raise InputError("expected a truth for tracks that are not those of a run's folder, found None")
     if isinstance(truth, Path | str):
-        truth = load_truth(truth_file(Path(truth)) or Path(truth))
-    return evaluate_named(
-        rows if run is None else run.tracks, table_of(truth), params, span, ("the tracks", "the truth")
-    )
+        truth = load_truth(truth_file(Path(truth)) or Path(truth), rows)
+    return evaluate_named(rows, table_of(truth), params, span, ("the tracks", "the truth"))
 
 
 def truth_of(tracks: Path) -> Path:
@@ -125,7 +125,7 @@ def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, in
     if not rated and (rate := sequence_rate(pair.truth)) is not None:
         params = params.model_copy(update={"fps": rate})
     tracks = load_file(pair.tracks).table
-    truth = load_file(pair.truth, truth=True).table
+    truth = load_truth(pair.truth, tracks)
     run = RunFolder.around(pair.tracks)
     if run is None:
         size = sequence_size(pair.truth)

@@ -178,7 +178,7 @@ class WireState:
         along = last.along + last.share_to(now) * (now.along - last.along)
         if 0.0 <= along <= 1.0:
             step_s = now.timestamp_s - last.timestamp_s
-            self.step = *last.passing(now), is_jump(step_s, abs(now.inside_m - last.inside_m))
+            self.step = *last.passing(now), bool(is_jump(step_s, abs(now.inside_m - last.inside_m)))
             self.net += 1 if now.inside_m >= 0 else -1
 
     def _crossing_to(self, side: int) -> Passage | None:
@@ -333,7 +333,7 @@ class CountedPerson:
         """True if a row of the same id begins another track."""
         last = self.trail[-1]
         moved_m = _apart_m(last, row.x - last.x, row.y - last.y, row)
-        return has_ended(timestamp_s - self.present_s, timestamp_s - last.timestamp_s, moved_m)
+        return bool(has_ended(timestamp_s - self.present_s, timestamp_s - last.timestamp_s, moved_m))
 
     def away_m(self, timestamp_s: float, row: TrackRow) -> float:
         """Distance of a row from where the person would be then at constant velocity [m]."""

@@ -11,6 +11,7 @@ import cmath
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import cached_property, reduce
 from itertools import product
 
@@ -29,7 +30,7 @@ from planview.evaluation.places import (
     vote_shift,
     with_places,
 )
-from planview.trajectories.table import Trajectories, ordinal
+from planview.trajectories.table import Trajectories
 
 GOOD = 0.8
 """Share of the truth's rows near a track from which on nothing needs explaining (our choice)."""
@@ -48,6 +49,8 @@ CHANGES_MAX = 2
 """Changes tried together, besides a shift or an offset."""
 ALIKE = 1.01
 """Two hypotheses under which about the same rows are near a track explain them alike."""
+RATIOS = "2 3 4 5 6 10 1/2 1/3 1/5 2/3 3/2 3/4 4/3 2/5 5/2 3/5 5/3 4/5 5/4 5/6 6/5"
+"""Frames of the tracks per number of the truth: usual frame rates over one another."""
 TURNED_DEG = 1.0
 """A turn that is none."""
 SCALED = 0.03
@@ -157,25 +160,16 @@ def _change_boxes(change: Callable[[F64, F64], tuple[F64, F64]]) -> Undo:
     return undo
 
 
-def _multiply_frames(n: int) -> Hypothesis[Tables]:
+def _scale_frames(ratio: Fraction) -> Hypothesis[Tables]:
     return _about_truth(
-        f" has a number for every {ordinal(n)} frame of the tracks only",
-        f"multiply its frames by {n}",
-        lambda table: replace(table, frame=n * table.frame),
+        f" counts {ratio.denominator} where the tracks count {ratio.numerator} frames",
+        f"multiply its frames by {ratio}",
+        lambda table: replace(table, frame=np.rint(table.frame * float(ratio)).astype(np.int64)),
     )
 
 
-def _divide_frames(n: int) -> Hypothesis[Tables]:
-    def undo(table: Trajectories) -> Trajectories:
-        table = table.where(table.frame % n == 0)
-        return replace(table, frame=table.frame // n)
-
-    return _about_truth(f" has {n} numbers for each frame of the tracks", f"divide its frames by {n}", undo)
-
-
 NUMBERS = (
-    *(_multiply_frames(n) for n in (2, 3, 4, 5, 6, 10)),
-    *(_divide_frames(n) for n in (2, 3)),
+    *(_scale_frames(Fraction(ratio)) for ratio in RATIOS.split()),
     _about_truth(
         "'s columns of frames and ids are exchanged",
         "exchange them",

@@ -1,4 +1,4 @@
-"""Boxes of people in images: rows of MOTChallenge, VisDrone, CVAT, PETS and of detectors."""
+"""Boxes of people in images: rows of MOTChallenge, CVAT, PETS and of detectors."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 from array import array
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,10 +28,6 @@ CORNERS_SPREAD = 0.5
 DISTRACTORS = (2, 7, 8, 12)
 """Classes of MOT16 and later that excuse a track (Milan et al. 2016, section 3.2): person on a vehicle, static person,
 distractor, reflection."""
-VISDRONE_PEOPLE = (1, 2)
-"""Pedestrians, and people who do not walk (Zhu et al. 2018, VisDrone)."""
-VISIBLE_OF_OCCLUSION = np.array([1.0, 0.75, 0.25])
-"""Unoccluded fraction of VisDrone's levels: none, up to half and more than half hidden; the middle of each."""
 NAMES = re.compile(r"\b(person|people|pedestrian|human|man|woman|walker)s?\b", re.IGNORECASE)
 
 _HEADERS = (
@@ -141,7 +137,6 @@ def box_columns(table: F64, path: Path, *, truth: bool = False) -> tuple[dict[st
     """The people among (N, 6 to 10) rows of frame, id, left, top, width, height and what follows.
 
     - flag (0 or 1), class, visibility (0 to 1): MOT16 and later, CVAT. Flag 0 is left out of truth.
-    - flag, class, truncation (0 or 1), occlusion (0 to 2): VisDrone.
     - score and class, with nothing or -1 after them; or class, or class and score: a detector of many classes.
     - confidence, X, Y (and Z): MOT15 and PETS, metres on the floor, unknown where all are -1; confidence 0 is left out
       of truth.
@@ -174,7 +169,7 @@ class _Rest(NamedTuple):
     """The cells behind the boxes of N rows; NaN where there are none.
 
     Attributes:
-        benchmark: whose truth looks like this.
+        is_flagged: the score is the flag of MOT16 and later.
         where: the column of the classes.
     """
 
@@ -183,7 +178,7 @@ class _Rest(NamedTuple):
     floor_m: F64
     classes: F64 | None = None
     where: str = "column 8"
-    benchmark: Literal["MOT16", "VisDrone", ""] = ""
+    is_flagged: bool = False
 
 
 def _read_rest(table: F64) -> _Rest:
@@ -201,14 +196,9 @@ def _read_rest(table: F64) -> _Rest:
         rest_of_classes = rest._replace(score=first, classes=classes)
         if (np.isnan(last) | (last == -1)).all():
             return rest_of_classes
-        has_flags = classes.min() >= 0 and _are_among(first, 0, 1)
+        has_flags = classes.min() >= 0 and np.isin(first, (0, 1)).all()
         if width == 3 and has_flags and _are_fractions(last):
-            return rest_of_classes._replace(visible=last[:, 0], benchmark="MOT16")
-        # Class 0 throughout is somebody who stays at the origin of the floor.
-        has_levels = width == 4 and classes.max() > 0 and _are_among(last[:, 0], 0, 1) and _are_among(last[:, 1], 0, 2)
-        if has_flags and has_levels:
-            visible = VISIBLE_OF_OCCLUSION[last[:, 1].astype(np.int64)]
-            return rest_of_classes._replace(visible=visible, benchmark="VisDrone")
+            return rest_of_classes._replace(visible=last[:, 0], is_flagged=True)
     if width == 1 or (width == 2 and _are_fractions(more[:, 1])):
         # Unlike scores in percent, classes are one for all rows of an id, with people among them.
         pairs = np.unique(table[table[:, 1] > 0][:, (1, 6)], axis=0)
@@ -225,10 +215,6 @@ def _read_rest(table: F64) -> _Rest:
 def _are_classes(column: F64) -> bool:
     """True if all are whole numbers from -1, for unknown, and not all of them are unknown."""
     return bool((column % 1 == 0).all() and column.min() >= -1 and column.max() >= 0)
-
-
-def _are_among(column: F64, low: int, high: int) -> bool:
-    return bool(np.isin(column, range(low, high + 1)).all())
 
 
 def _are_fractions(columns: F64) -> bool:
@@ -250,13 +236,8 @@ def left_out_note(people: Iterable[float], others: AnyArray, where: str) -> str:
 def _people_of_classes(rest: _Rest, classes: F64, path: Path, truth: bool) -> tuple[Bool, F64, str]:
     """(N,) mask of the rows that count, their unoccluded fraction, and a sentence on the others."""
     named = _people_in_labels(path)
-    is_truth = truth and rest.benchmark != ""
-    usual = people_among(classes)
-    if rest.benchmark == "VisDrone":
-        usual = VISDRONE_PEOPLE
-    elif is_truth:
-        usual = (1,)
-    people = named or usual
+    is_truth = truth and rest.is_flagged
+    people = named or ((1,) if is_truth else people_among(classes))
     is_person = np.isin(classes, people)
     if is_truth:
         is_person &= rest.score == 1
@@ -268,7 +249,7 @@ def _people_of_classes(rest: _Rest, classes: F64, path: Path, truth: bool) -> tu
             listed += f", flags {number_list(np.unique(rest.score))}"
         raise InputError(f"{path}: expected {expected}, found class {listed}")
     if is_truth and not named:
-        excuses = np.isin(classes, DISTRACTORS if rest.benchmark == "MOT16" else ())
+        excuses = np.isin(classes, DISTRACTORS)
         return is_person | excuses, np.where(excuses, IGNORED, rest.visible), ""
     return is_person, rest.visible, left_out_note(people, np.setdiff1d(classes, people), rest.where)
 

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calib.errors import InputError
 from calib.types import F64, I64
-from planview.trajectories.table import Trajectories, frame_period_s, frame_times
+from planview.trajectories.table import Trajectories, frame_period_s, frame_times, rows_by_id
 
 USUAL_FPS = 30.0
 """Frames per second where nothing gives a rate and none decides anything."""
+BRIDGED_S = 0.9
+"""Longest time between two positions of a walking person between which the others lie on a line [s]: a slow step."""
 
 
 @dataclass(frozen=True)
@@ -62,3 +64,22 @@ class Clock:
         """From frame 0 to the end of the last of n_frames."""
         start_s, last_s = self.at(np.array([0, max(0, n_frames - 1)])).tolist()
         return Span(start_s, last_s + self.frame_s, self.frame_s)
+
+
+def at_times(timed: Trajectories, frames: I64, times_s: F64) -> Trajectories:
+    """Everybody's row nearest to each of (F,) frames in time, moved to where the person is then: on a line between rows
+    that are at most BRIDGED_S apart. Frames between others have none."""
+    places = timed.x_m + 1j * timed.y_m
+    margin_s = np.median(np.diff(times_s)) / 2
+    parts = []
+    for _, rows in rows_by_id(timed.track_id):
+        own_s = timed.timestamp_s[rows]
+        steps_s = np.diff(own_s)
+        near = np.searchsorted(own_s[:-1] + steps_s / 2, times_s)
+        reach_s = max(margin_s, steps_s[steps_s <= BRIDGED_S].max(initial=0.0) / 2)
+        is_inside = np.abs(times_s - np.clip(times_s, own_s[0], own_s[-1])) <= margin_s
+        covered = np.flatnonzero(is_inside & (np.abs(own_s[near] - times_s) <= reach_s))
+        parts.append((covered, rows[near[covered]], np.interp(times_s[covered], own_s, places[rows])))
+    at, nearest, place = map(np.concatenate, zip(*parts, strict=True))
+    table = replace(timed.where(nearest), frame=frames[at], timestamp_s=times_s[at], x_m=place.real, y_m=place.imag)
+    return table.where(np.argsort(at, kind="stable"))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any, overload
-
 import numpy as np
 
 from calib.types import F64, I64, Bool
@@ -25,20 +23,12 @@ BOX_M = 1.7
 """Height that a box is taken to show where only boxes are known: it gives metres to pixels [m]."""
 
 
-@overload
-def is_jump(step_s: float, moved_m: float) -> bool: ...
-@overload
-def is_jump(step_s: F64, moved_m: F64) -> Bool: ...
-def is_jump(step_s: Any, moved_m: Any) -> Any:
+def is_jump(step_s: F64 | float, moved_m: F64 | float) -> Bool:
     """True where nobody can have walked so far in this time; of numbers, or of arrays."""
-    return (moved_m > JUMP_M) & (moved_m > JUMP_MPS * step_s)
+    return np.asarray((moved_m > JUMP_M) & (moved_m > JUMP_MPS * step_s))
 
 
-@overload
-def has_ended(gap_s: float, step_s: float = 0.0, moved_m: float = 0.0) -> bool: ...
-@overload
-def has_ended(gap_s: F64, step_s: F64 | float = 0.0, moved_m: F64 | float = 0.0) -> Bool: ...
-def has_ended(gap_s: Any, step_s: Any = 0.0, moved_m: Any = 0.0) -> Any:
+def has_ended(gap_s: F64 | float, step_s: F64 | float = 0.0, moved_m: F64 | float = 0.0) -> Bool:
     """True where a track has ended before the next row of its id; of numbers, or of arrays.
 
     Args:

@@ -35,12 +35,14 @@ class TrajectoryFile:
         fps: frames per second; None where the file does not give it.
         walkable_wkt: the floor where people may walk, a polygon in well-known text [m]; None where it is not given.
         note: what was assumed about the file, in a sentence; empty when nothing was.
+        is_timed: True where rows have times and no frames: frames were made of these.
     """
 
     table: Trajectories
     fps: float | None = None
     walkable_wkt: str | None = None
     note: str = ""
+    is_timed: bool = False
 
 
 def parse_rate(path: Path, value: object) -> float:

@@ -20,7 +20,7 @@ from calib.errors import InputError, WorkError
 from calib.io import entries, expecting, read_text, reason, require_file, whole_file
 from planview.trajectories import layouts, rows
 from planview.trajectories.boxes import named_columns, read_motchallenge, write_motchallenge
-from planview.trajectories.clock import Clock
+from planview.trajectories.clock import Clock, at_times
 from planview.trajectories.file import TrajectoryFile, measure_rate, parse_rate, surrounding_area
 from planview.trajectories.hdf5 import SIGNATURE
 from planview.trajectories.identities import judge_ids, split_paths
@@ -46,10 +46,14 @@ _TRUTH_FILES = ("truth.csv", "gt.txt", "gt/gt.txt")
 _TABLES = (".csv", ".txt", ".h5", ".hdf5", ".sqlite", ".parquet", ".jsonl")
 
 
-def load_truth(path: Path) -> Trajectories:
-    """Truth in our layout (with a header), as PETS/MOTChallenge rows or in any other layout of ``load_file``. Raises
-    InputError: unreadable or none of these."""
-    return load_file(path, truth=True).table
+def load_truth(path: Path, tracks: Trajectories | None = None) -> Trajectories:
+    """Truth in our layout (with a header), as PETS/MOTChallenge rows or in any other layout of ``load_file``; rows with
+    times and no frames have those of the ``tracks``. Raises InputError: unreadable or none of these."""
+    file = load_file(path, truth=True)
+    if tracks and file.is_timed:
+        frames = np.arange(tracks.frame.min(), tracks.frame.max() + 1)
+        return at_times(file.table, frames, Clock(tracks).at(frames))
+    return file.table
 
 
 def load_tracks(path: Path) -> Trajectories:

@@ -32,17 +32,13 @@ def judge_ids(table: Trajectories) -> tuple[Trajectories, tuple[str, ...]]:
     starts = recording_starts(table, set_back)
     if len(starts):
         recording = np.searchsorted(starts, table.frame, side="right")
-        table = replace(table, track_id=renumber(table.track_id, recording))
-        notes = *notes, recordings_note(table, starts, recording)
+        track_id = renumber(table.track_id, recording)
+        table = replace(table, track_id=track_id)
+        where = ", ".join(map(str, starts[:5].tolist()))
+        first = np.abs(track_id[recording > 0]).min()
+        notes = *notes, f"another recording begins at frame {where}: its people get ids of their own, from {first} on"
     jumps = _jumps_note(table)
     return table, (*notes, jumps) if jumps else notes
-
-
-def recordings_note(table: Trajectories, starts: I64, recording: I64) -> str:
-    """Sentence on further recordings, which begin at frames; ``recording``: (N,) number of each row's."""
-    later = np.abs(table.track_id[recording > 0])
-    where = ", ".join(map(str, starts[:5].tolist()))
-    return f"another recording begins at frame {where}: its people get ids of their own, from {later.min()} on"
 
 
 def recording_starts(table: Trajectories, set_back: I64) -> I64:

@@ -13,14 +13,14 @@ import numpy as np
 from calib.errors import InputError
 from calib.io import UNITS_M, expecting
 from calib.times import NS, UNITS, seconds_of
-from calib.types import F64, I64
+from calib.types import F64
+from planview.trajectories.clock import at_times
 from planview.trajectories.file import TrajectoryFile, parse_rate
 from planview.trajectories.table import (
     HEIGHTS_M,
     after_one_another,
     recording_numbers,
     renumber,
-    rows_by_id,
     separators,
     table_of,
 )
@@ -50,6 +50,8 @@ RATE_HZ = 10.0
 """Frames per second of positions whose times are uneven, between which they are interpolated."""
 DAY_S = 86400.0
 """Times that begin later are those of a clock, such as seconds since 1970."""
+STEPS_S = (1e-4, 20.0)
+"""Times between a person's rows of any recording or simulation: others are days, minutes or milliseconds."""
 
 
 class Column(NamedTuple):
@@ -138,9 +140,10 @@ def _read_numbers(path: Path, start: str, first: int, columns: dict[str, Column]
     between, decimal = separators(rows[0])
 
     def number(text: str) -> float:
-        if ":" in text:
+        try:
+            return float(text.replace(decimal, "."))
+        except ValueError:
             return float(seconds_of(path, np.array([text]))[0])
-        return float(text.replace(decimal, "."))
 
     expected = f"rows of {' '.join(columns) or 'id frame x y z'}"
     with expecting(path, expected, OSError, ValueError), warnings.catch_warnings():
@@ -213,26 +216,19 @@ def _by_time(path: Path, columns: dict[str, F64]) -> TrajectoryFile:
     if begin_s > DAY_S:
         notes = [f"times begin at {begin_s:.0f} s: frame 0 is then"]
         times_s = times_s - begin_s
-    period_s = span_s / round(span_s / float(np.median(steps_s[steps_s > 0])))  # steps are rounded
-    others = {name: values[order] for name, values in columns.items() if name not in ("id", "timestamp_s")}
+    steps_s = steps_s[steps_s > 0]
+    step_s = float(np.mean(steps_s[steps_s < 1.5 * np.median(steps_s)]))  # rounded ones are right in the mean
+    if not STEPS_S[0] < step_s < STEPS_S[1]:
+        raise InputError(f"{path}: people's rows are {step_s:.3g} s apart; name the unit of the times, such as time_ms")
+    period_s = span_s / round(span_s / step_s)
     frames = times_s / period_s
-    if (np.abs(frames - np.round(frames)) > 0.1).any():
+    is_even = (np.abs(frames - np.round(frames)) <= 0.1).all()
+    ticks = np.round(frames if is_even else 1e3 * times_s)
+    others = {name: values[order] for name, values in columns.items()}
+    table = table_of({**others, "id": ids, "frame": ticks, "timestamp_s": times_s}, path)
+    if not is_even:
         notes.append(f"times are uneven: positions are interpolated to {RATE_HZ:g} frames per second")
         period_s = 1 / RATE_HZ
-        ids, frames, others = _even_rows(ids, times_s, others)
-    rows = {"id": ids, "frame": np.round(frames), **others}
-    return TrajectoryFile(table_of(rows, path), 1 / period_s, note="; ".join(notes))
-
-
-def _even_rows(ids: I64, times_s: F64, columns: dict[str, F64]) -> tuple[I64, F64, dict[str, F64]]:
-    """Ids, frames and columns at RATE_HZ, from those of rows by id, then by time."""
-    parts = []
-    for track_id, rows in rows_by_id(ids):
-        walk_s = times_s[rows]
-        first = math.ceil(walk_s[0] * RATE_HZ - 1e-9)
-        last = math.floor(walk_s[-1] * RATE_HZ + 1e-9)
-        frames = np.arange(first, last + 1)
-        even = [np.interp(frames / RATE_HZ, walk_s, values[rows]) for values in columns.values()]
-        parts.append(np.column_stack([np.full(len(frames), track_id), frames, *even]))
-    even_ids, even_frames, *even_columns = np.concatenate(parts).T
-    return even_ids.astype(np.int64), even_frames, dict(zip(columns, even_columns, strict=True))
+        grid = np.arange(math.floor(RATE_HZ * times_s.min()), math.ceil(RATE_HZ * times_s.max()) + 1)
+        table = at_times(table, grid, grid * period_s)
+    return TrajectoryFile(table, 1 / period_s, note="; ".join(notes), is_timed=True)

@@ -7,17 +7,13 @@ import re
 import shutil
 from pathlib import Path
 
-import numpy as np
 import pytest
 from short_clip import ROOT
 
 import planview
-from calib.times import Rate, jump_note, rate_of_times, run_on, spread_bursts
-from planview.checks.images import standing_checks
 from planview.cli import main, make_app
 from planview.counting.rules import load_rules
 from stereo.doctor.hypotheses import HYPOTHESES
-from stereo.viewpoint import Standing, Viewpoints
 from tools.typed import CANNOT_RUN, PAGES, RULES, blocks, commands, words
 
 ALL = sorted(
@@ -63,22 +59,6 @@ def test_messages_in_troubleshooting_are_those_of_the_program():
     rows = re.findall(r"^\| `([^`]*)`", page, re.MULTILINE)
     parts = [part.strip(" )%,") for row in rows for part in re.split(r"\.\.\.|\(", row)]
     assert len(rows) > 8 and [part for part in parts if part not in sources] == []
-
-
-def test_messages_of_moved_cameras_and_uneven_times_stand_in_troubleshooting():
-    page = (ROOT / "docs" / "troubleshooting.md").read_text(encoding="utf-8")
-    rows = [row.split("...") for row in re.findall(r"^\| `([^`]*)`", page, re.MULTILINE)]
-    said = [Rate(0.2, 0.0, 9.0, 0, 0, 0.0).note, Rate(15.0, 40.0, 9.0, 0, 0, 0.0).note, jump_note(7, 8, 9e4)]
-    bursts = np.add.outer(np.arange(8.0), [0.0, 0.001, 0.002, 0.003]).ravel()
-    rate = rate_of_times(bursts)
-    assert rate is not None
-    said += [*run_on(np.array([0.0, 0.1, 0.2, 0.3, -5.0, -4.9]))[1], *spread_bursts(bursts, rate)[1]]
-    standing = Standing(Viewpoints([], 1.0))
-    for how in ("the right camera has rotated by 0.5 degrees", "the cameras have rotated by 3 degrees"):
-        standing.first, standing.how = (30, 2.0), how
-        said.append(standing_checks(standing, "calibration and floor are of the view before")[0].note)
-    unknown = [text for text in said if not any(all(part in text for part in row) for row in rows)]
-    assert len(said) == 7 and unknown == []
 
 
 @pytest.mark.parametrize("pattern", CANNOT_RUN)

@@ -1,4 +1,4 @@
-"""Rows of boxes: MOTChallenge, PETS, VisDrone, and what detectors found."""
+"""Rows of boxes: MOTChallenge, PETS, and what detectors found."""
 
 import json
 from pathlib import Path
@@ -95,7 +95,7 @@ def test_results_of_motchallenge_without_metres_have_none(tmp_path, text, rows):
     [
         (["0.9,0,-1", "0.8,2,-1"], [1]),  # a detector of COCO's classes, from 0
         (["0.9,1", "0.8,3"], [1]),  # from 1
-        (["0.9,1,-1,-1", "0.8,4,-1,-1"], [1]),  # VisDrone results
+        (["0.9,1,-1,-1", "0.8,4,-1,-1"], [1]),  # with two more columns
         (["0", "2", "7"], [1]),  # a class alone
         (["2,0.8", "0,0.7"], [2]),  # class and score
         (["1,1,1.0", "1,3,0.5"], [1]),  # rows like truth of MOT16
@@ -113,12 +113,6 @@ def test_results_keep_people_alone_and_name_other_classes(tmp_path, ends, kept):
 def test_results_without_a_class_of_people_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"rows of people \(class 1 in column 8\), found class 2, 7"):
         load_tracks(file_of(tmp_path, "0.9,2,-1", "0.8,7,-1"))
-
-
-def test_truth_of_visdrone_has_pedestrians_and_people_and_how_much_of_them_shows(tmp_path):
-    truth = load_truth(file_of(tmp_path, "1,1,0,0", "1,2,0,1", "1,4,0,0", "0,0,0,0", "1,1,1,2"))
-    assert truth.track_id.tolist() == [1, 2, 5] and truth.visible.tolist() == [1.0, 0.75, 0.25]
-    assert np.isnan(truth.x_m).all()
 
 
 def test_classes_of_truth_are_those_that_labels_name(tmp_path):

@@ -123,9 +123,34 @@ def test_footsteps_of_vadere_are_interpolated_to_even_times(tmp_path):
     "text",
     [
         "id,time,x,y\n1,2023-10-29T02:59:59.9+02:00,0,0\n1,2023-10-29T02:00:00.0+01:00,1,0\n",
+        "id,time,x,y\n1,30.11.2026 10:11:00.0,0,0\n1,30.11.2026 10:11:00.1,1,0\n",
+        "id,time,x,y\n1,20261130T101100.0,0,0\n1,20261130T101100.1,1,0\n",
         "id,timestamp_ns,x,y\n1,0,0,0\n1,100000000,1,0\n",
         "id,time [us],x,y\n1,0,0,0\n1,100000,1,0\n",
     ],
 )
 def test_rows_by_time_have_their_rate_in_whatever_way_times_are_written(tmp_path, text):
     assert load_file(table_file(tmp_path, text)).fps == pytest.approx(10.0, rel=1e-4)
+
+
+@pytest.mark.parametrize("second", [100, 1e-6])
+def test_times_of_another_unit_than_seconds_are_refused(tmp_path, second):
+    with pytest.raises(InputError, match="time_ms"):
+        load_tracks(table_file(tmp_path, f"time id x_m y_m\n0 1 0 4\n{second} 1 0.1 4\n"))
+
+
+def test_times_rounded_to_milliseconds_keep_their_rate(tmp_path):
+    rows = "".join(f"{n / 15:.3f} 1 {n / 15:.3f} 4\n" for n in range(600))
+    assert load_file(table_file(tmp_path, "time id x_m y_m\n" + rows)).fps == pytest.approx(15.0, rel=1e-4)
+
+
+TWO_SECONDS = "# framerate: 15\n# id frame x/m y/m\n" + "".join(f"1 {n} 0 4\n" for n in range(31))
+
+
+@pytest.mark.parametrize(("rate", "step"), [(1, 15), (10, 1), (25, 1), (50, 1)])
+def test_truth_without_frames_has_those_of_the_tracks_near_its_rows(tmp_path, rate, step):
+    tracks = load_tracks(table_file(tmp_path, TWO_SECONDS))
+    rows = "".join(f"{n / rate} 7 {n / rate} 4\n" for n in range(2 * rate + 1))
+    truth = load_truth(table_file(tmp_path, "time id x_m y_m\n" + rows), tracks)
+    np.testing.assert_allclose(15 * truth.x_m, np.arange(0, 31, step))
+    np.testing.assert_array_equal(truth.frame, np.arange(0, 31, step))
