@@ -38,7 +38,7 @@ def board_image(cols: int, rows: int) -> U8:
 
 
 @pytest.mark.parametrize(("counts", "scale", "most_px"), [((8, 5), 1, 0.01), ((9, 6), 1 / 3, 0.1)])
-def test_corners_are_found_to_a_hundredth_of_a_pixel_and_in_a_small_image_at_its_own_pixels(counts, scale, most_px):
+def test_corners_are_found_to_a_fraction_of_a_pixel(counts, scale, most_px):
     image = cv2.resize(board_image(*counts), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     corners = Detector(Board(*counts, 0.03))(image)
     assert corners is not None
@@ -46,13 +46,16 @@ def test_corners_are_found_to_a_hundredth_of_a_pixel_and_in_a_small_image_at_its
     assert min(np.abs(order - expected).max() for order in (corners.pixels, corners.pixels[::-1])) < most_px
 
 
-def test_counts_of_a_board_are_found_and_a_part_is_distinguished_from_the_whole():
-    images = [board_image(8, 5)] * 3
-    assert find_counts(images) == (8, 5) and larger_counts(images, (4, 3)) == (8, 5)
-    assert larger_counts(images, (5, 8)) is None
+def test_counts_of_a_board_are_found():
+    assert find_counts([board_image(8, 5)] * 3) == (8, 5)
 
 
-def test_no_board_is_found_in_blank_and_noisy_images():
+@pytest.mark.parametrize(("given", "larger"), [((4, 3), (8, 5)), ((5, 8), None)], ids=["part", "whole"])
+def test_counts_of_a_part_are_enlarged_to_the_whole_board(given, larger):
+    assert larger_counts([board_image(8, 5)] * 3, given) == larger
+
+
+def test_no_board_is_found_where_there_is_none():
     noise = np.random.default_rng(0).integers(0, 255, (120, 160)).astype(np.uint8)
     blank = np.full((120, 160), 90, np.uint8)
     assert find_counts([blank, noise]) is None and Detector(Board(7, 5, 0.03))(blank) is None
@@ -101,7 +104,7 @@ def test_blur_lowers_sharpness():
     assert sharpness(blurred, corners) < 0.6 * sharpness(image, corners)
 
 
-def test_selection_leaves_out_blurred_and_repeated_views():
+def test_selection_prefers_sharp_views_that_differ():
     rng = np.random.default_rng(0)
     rig = random_rig("plain", rng)
     different = board_views(rig, Board(7, 5, 0.04), 10, 0.0, rng)
@@ -128,7 +131,7 @@ def test_exact_corners_give_the_exact_rig():
 
 
 @pytest.mark.parametrize(("lens", "seed"), [("brown", 1), ("brown", 3), ("fisheye", 2)])
-def test_noisy_corners_give_the_rig_within_the_limits_asked_and_its_own_deviations(lens, seed):
+def test_noisy_corners_give_the_rig_within_its_deviations(lens, seed):
     truth, views = views_of(lens, 24, seed=seed)
     found = solve_board(views, BOARD, SIZE, model="fisheye" if lens == "fisheye" else "brown")
     focal, baseline, turn_deg = calibration_errors(truth, found.rig)
@@ -152,7 +155,7 @@ def test_rotation_of_a_rig_without_distortion_is_exact_to_three_hundredths_of_a_
     assert calibration_errors(truth, solve_board(views, BOARD, SIZE).rig)[2] < 0.03
 
 
-def test_wrong_corners_in_a_view_are_named_and_left_out():
+def test_view_with_wrong_corners_is_left_out():
     truth, views = views_of(n=12)
     views[4] = replace(views[4], right=views[4].right + np.array([6.0, -4.0]))
     found = solve_board(views, BOARD, SIZE, model="brown")
@@ -162,7 +165,7 @@ def test_wrong_corners_in_a_view_are_named_and_left_out():
 
 def test_too_few_pairs_are_refused():
     _, views = views_of(n=4)
-    with pytest.raises(InputError, match=r"expected at least 5 pairs .* found 4 of 5, e.g. x: blank"):
+    with pytest.raises(InputError, match="found 4 of 5"):
         solve_board(views, BOARD, SIZE, rejected=[RejectedView("x", "blank")], source="photos")
 
 
@@ -199,11 +202,11 @@ def seen_at_a_square_of_2_cm() -> list[BoardView]:
 @pytest.mark.parametrize(
     ("make", "square_m", "message"),
     [
-        (one_pose, 0.04, "found 1 different pose in 10 views"),
+        (one_pose, 0.04, "1 different pose"),
         (never_tilted, 0.04, "focal length"),
-        (swapped, 0.04, "left and right are swapped"),
+        (swapped, 0.04, "swapped"),
         (torn, 0.04, "expected"),
-        (seen_at_a_square_of_2_cm, 0.5, "is the size of a square right"),
+        (seen_at_a_square_of_2_cm, 0.5, "size of a square"),
     ],
 )
 def test_views_that_give_no_rig_are_refused_with_the_reason(make, square_m, message):

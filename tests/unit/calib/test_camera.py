@@ -44,8 +44,11 @@ def test_camera_has_no_ray_for_a_pixel_beyond_where_its_lens_turns_back():
     assert np.isfinite(rays[0]).all() and np.isnan(rays[1, :2]).all()
 
 
-def test_camera_projects_points_behind_it_to_nan_and_refuses_nan():
+def test_camera_projects_points_behind_it_to_nan():
     assert np.isnan(BROWN.project([[0.0, 0.0, -1.0]])).all()
+
+
+def test_camera_refuses_a_focal_length_of_nan():
     with pytest.raises(ValueError, match="finite"):
         Camera(640, 480, float("nan"), 500.0, 320.0, 240.0)
 
@@ -57,9 +60,13 @@ def test_scaled_camera_keeps_pixel_centres():
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-7, 0.3, 3.0])
-def test_pose_knows_its_inverse_and_the_angle_of_its_rotation_at_any_size(angle):
-    pose = SE3(Rotation.from_rotvec(angle * np.array([2.0, -1.0, 2.0]) / 3.0).as_matrix(), np.array([1.0, 2.0, 3.0]))
-    assert pose.angle_rad == pytest.approx(angle, abs=1e-9)
+def test_angle_of_a_pose_is_that_of_its_rotation_at_any_size(angle):
+    rotation = Rotation.from_rotvec(angle * np.array([2.0, -1.0, 2.0]) / 3.0)
+    assert SE3(rotation.as_matrix(), np.zeros(3)).angle_rad == pytest.approx(angle, abs=1e-9)
+
+
+def test_pose_after_its_inverse_is_the_identity():
+    pose = SE3.from_rotvec([0.2, -0.1, 0.2], [1.0, 2.0, 3.0])
     np.testing.assert_allclose((pose.inverse() @ pose).matrix, np.eye(4), atol=1e-12)
 
 
@@ -70,7 +77,7 @@ def test_pose_knows_its_inverse_and_the_angle_of_its_rotation_at_any_size(angle)
         ([0.0, -1.0, 0.0], 2.0, 90.0, {(0.0, 2.0, 5.0): [0.0, 5.0, 0.0]}),
     ],
 )
-def test_world_has_y_up_the_image_of_an_overhead_camera_and_ahead_of_a_level_one(normal, height_m, tilt_deg, points):
+def test_world_follows_the_view_of_the_camera(normal, height_m, tilt_deg, points):
     floor = Floor(world_from_plane(np.array(normal), height_m))
     np.testing.assert_allclose(floor.world_SE3_left @ list(points), list(points.values()), atol=1e-12)
     assert np.degrees(floor.tilt_rad) == pytest.approx(tilt_deg) and floor.height_m == pytest.approx(height_m)
@@ -105,16 +112,26 @@ def test_what_is_higher_than_the_camera_is_ahead_of_it_or_nowhere():
     assert np.isnan(camera.back_project(pixel, 1.2)).all()
 
 
-def test_camera_survives_saving_its_file_may_lack_the_roll_and_one_on_its_side_is_refused(tmp_path):
-    path, camera = tmp_path / "camera.toml", GroundCamera(640, 480, 512.3, 4.1, math.radians(61), "normal", -0.0436)
-    save_ground_camera(camera, path)
-    assert load_ground_camera(path).roll_rad == pytest.approx(camera.roll_rad)
-    text = path.read_text()
-    path.write_text(re.sub("roll.*", "", text))
-    assert load_ground_camera(path).roll_rad == 0.0
-    path.write_text(re.sub("roll_deg = .*", "roll_deg = 90", text))
-    with pytest.raises(InputError, match="roll within"):
-        load_ground_camera(path)
+@pytest.fixture
+def camera_file(tmp_path: Path) -> Path:
+    """A camera that has rolled by -0.0436 rad."""
+    save_ground_camera(GroundCamera(640, 480, 512.3, 4.1, 1.06, "normal", -0.0436), tmp_path / "camera.toml")
+    return tmp_path / "camera.toml"
+
+
+def test_ground_camera_survives_saving(camera_file):
+    assert load_ground_camera(camera_file).roll_rad == pytest.approx(-0.0436)
+
+
+def test_ground_camera_whose_file_lacks_the_roll_has_none(camera_file):
+    camera_file.write_text(re.sub("roll.*", "", camera_file.read_text()))
+    assert load_ground_camera(camera_file).roll_rad == 0.0
+
+
+def test_ground_camera_on_its_side_is_refused(camera_file):
+    camera_file.write_text(re.sub("roll_deg = .*", "roll_deg = 90", camera_file.read_text()))
+    with pytest.raises(InputError, match="roll"):
+        load_ground_camera(camera_file)
 
 
 NORTH = RigEntry("north", SE3.from_rotvec([2.0, 0.1, 0.2], [0.0, 0.0, 2.4]))
@@ -171,7 +188,7 @@ POSE = SE3.from_rotvec([np.radians(180 + 40), 0.0, 0.1], [0.2, -0.3, 2.7])
 @pytest.mark.parametrize(
     "camera", [GroundCamera(320, 240, 250.0, 3.0, 0.9, roll_rad=0.1), FloorPinhole((320, 240), PINHOLE, POSE)]
 )
-def test_floor_cameras_agree_with_their_projection_and_find_the_floor_again(camera):
+def test_rays_of_a_floor_camera_meet_the_floor_where_it_projects(camera):
     pixels = np.array([[100.0, 200.0], [160.0, 120.0], [300.0, 230.0]])
     on_floor = np.column_stack([camera.back_project(pixels), np.zeros(3)])
     np.testing.assert_allclose(camera.project(on_floor), pixels, atol=1e-9)
@@ -212,7 +229,7 @@ def test_tsai_back_projection_inverts_projection(kappa, tmp_path):
 
 @pytest.mark.parametrize("value", [{"focal": "nan"}, {"focal": "-1"}, {"focal": "x"}, {"pitch": 'dpx="0"'}], ids=str)
 def test_tsai_file_with_a_bad_number_is_refused(value, tmp_path):
-    with pytest.raises(InputError, match=r"view.xml: expected a Tsai camera"):
+    with pytest.raises(InputError, match="Tsai"):
         load_tsai(tsai(tmp_path, **value))
 
 
@@ -224,7 +241,7 @@ def test_tsai_camera_is_the_same_camera_above_the_floor_at_the_size_of_the_image
     assert (found.size, found.lens) == ((384, 288), "pinhole")
     assert found.height_m == pytest.approx(7.0) and found.focal_px == pytest.approx(550.0, rel=1e-3)
     assert math.degrees(found.tilt_rad) == pytest.approx(70.0, abs=0.05)
-    with pytest.raises(InputError, match=r"expected a camera for images of 640x360 px, found one for 768x576 px"):
+    with pytest.raises(InputError, match="768x576"):
         load_one_camera(path, (640, 360))
 
 
@@ -248,5 +265,5 @@ def test_lens_without_a_place_is_refused_with_its_focal_length(name, text, lens,
 
 
 def test_transposed_camera_matrix_is_named():
-    with pytest.raises(ValueError, match="for M1, found it transposed"):
+    with pytest.raises(ValueError, match="transposed"):
         base.camera((640, 480), np.array([500.0, 0, 0, 0, 500, 0, 320, 240, 1]), np.zeros(5), name="M1")

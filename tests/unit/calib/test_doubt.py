@@ -22,7 +22,7 @@ def named(number: float, *hypotheses: Hypothesis[float], **settings: float) -> s
     return finding.names if finding else ""
 
 
-def test_the_hypothesis_that_fits_best_is_named_with_what_it_gives_and_its_remedy():
+def test_the_hypothesis_that_fits_best_is_named_with_its_remedy():
     finding = best(0.01, [times(10), times(100)], near_one)
     assert str(finding) == "if times 100, the number is 1: multiply by 100"
 

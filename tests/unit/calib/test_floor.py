@@ -83,7 +83,7 @@ def room(pose: SE3, *planes: tuple[Any, ...]) -> Room:
 
 
 @pytest.mark.parametrize("tilt_deg", [0, 30, 60, 75])
-def test_floor_is_found_among_walls_and_a_table_at_any_tilt(tilt_deg):
+def test_floor_of_a_furnished_room_is_found_at_any_tilt(tilt_deg):
     pose, ahead = pose_of(tilt_deg, 2.6, 2.0), 2.6 * math.tan(math.radians(tilt_deg))
     table = (FLOOR, 0.75, (-0.6, 0.6, ahead - 0.4, ahead + 0.4))
     floor = found(room(pose, (FLOOR, 0.0), (WALL, 6.0), ((1.0, 0.0, 0.0), -3.0), table).clouds())
@@ -96,7 +96,7 @@ def test_wall_before_which_people_walk_is_no_floor_seen_from_above():
     clouds = room(pose_of(80, 1.8), (WALL, 5.5)).clouds(6, people=False)
     floor = found(clouds)
     assert floor.height_m == pytest.approx(5.5, abs=0.2) and "a wall in front of a level camera" in floor.doubt
-    with pytest.raises(WorkError, match="of what moves is higher than people above it"):
+    with pytest.raises(WorkError, match="higher than people"):
         found(clouds, moved=[PERSON])
 
 
@@ -126,7 +126,7 @@ def test_wall_along_which_people_stand_is_no_floor():
     assert objection(LEVEL_FLOOR, *people) == ""
 
 
-def test_wall_to_and_from_which_people_walk_is_no_floor():
+def test_wall_towards_which_people_walk_is_no_floor():
     seated = [patch((0.1 * z, 0.2, z), (0.5, 0.7, 0.5), 900) for z in (1.2, 1.9, 2.6)]
     assert objection(WALL_AHEAD, *seated) == LIES
     assert objection(LEVEL_FLOOR, *seated) == ""
@@ -177,17 +177,20 @@ def test_floor_of_a_level_camera_is_found_where_people_walk_before_the_wall(tilt
     assert alone.height_m == pytest.approx(1.3, abs=0.03) and "another plane would be the floor 6.0" in alone.doubt
 
 
-def test_refusal_names_the_best_plane_and_the_world_that_accepts_it(tmp_path):
-    with pytest.raises(WorkError, match=r"best plane, 0.70 m from the camera at tilt 60.0 .* refused: 0.70 m") as e:
+def test_refusal_holds_the_world_that_accepts_the_best_plane(tmp_path):
+    with pytest.raises(WorkError, match=r"0\.70 m") as e:
         found(room(pose_of(60, 0.7)).clouds(people=False))
     (tmp_path / "world.toml").write_text("world_SE3_left" + str(e.value).split("world_SE3_left")[1])
     assert load_world(tmp_path / "world.toml").height_m == pytest.approx(0.7, abs=0.01)
 
 
-def test_floor_has_its_uncertainty_and_extent():
-    floor = found(room(pose_of(45, 3.0), (FLOOR, 0.0, (-2, 2, 1.5, 6))).clouds())
-    assert floor.covariance is not None and floor.extent_m is not None
+def test_floor_is_known_to_two_centimetres():
+    floor = found(room(pose_of(45, 3.0)).clouds())
     assert 0 < math.sqrt(floor.covariance[0, 0]) < 0.02 and floor.residual_m < 0.1
+
+
+def test_floor_has_the_extent_that_is_seen():
+    floor = found(room(pose_of(45, 3.0), (FLOOR, 0.0, (-2, 2, 1.5, 6))).clouds())
     assert floor.extent_m[1] == pytest.approx(1.5, abs=0.2)
 
 
@@ -198,7 +201,7 @@ def test_floor_takes_the_floor_below_a_table_that_is_larger():
 
 def test_upside_down_camera_is_named_where_its_floor_is_refused():
     turned = [cloud * np.array([-1, -1, 1], np.float32) for cloud in room(pose_of(60, 2.5)).clouds(people=False)]
-    with pytest.raises(WorkError, match=r"wall or ceiling, or the floor of an upside-down camera \(tilt -60"):
+    with pytest.raises(WorkError, match="upside-down"):
         found(turned)
 
 
@@ -251,7 +254,7 @@ def test_floor_from_points_refuses_what_is_no_floor(points, message):
         floor_from_points(points)
 
 
-def test_floor_from_people_refines_a_rough_guess_by_feet_and_heads():
+def test_floor_from_people_refines_a_rough_guess():
     rng, truth = np.random.default_rng(0), pose_of(50, 3.0, 1.0)
     xy, heights = rng.uniform((-2, 1), (2, 6), (60, 2)), np.repeat([1.62, 1.75, 1.9], 20)
     feet, heads = (
@@ -285,12 +288,12 @@ POSE = "[world_SE3_left]\nrotation = [[1,0,0],[0,1,0],[0,0,{}]]\ntranslation_m =
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "key 'world_SE3_left'"),
+        ("", "world_SE3_left"),
         ("world_SE3_left = 3", "expected a world.toml"),
         (POSE.format(1, "[0, 0, 2750]"), "found 2750 m .*wrong units"),
         (POSE.format(1, "[0, 0, 1e-9]"), "expected a camera .*found 1e-09 m"),
         (POSE.format(1, "[0, 0, -2]"), "expected a camera .*found -2 m"),
-        (POSE.format(1, "[1e9, 0, 2]"), "within 10000 m of the origin"),
+        (POSE.format(1, "[1e9, 0, 2]"), "origin"),
         (POSE.format(2, "[0, 0, 2]"), "rotation matrix"),
     ],
 )
@@ -301,7 +304,7 @@ def test_world_file_refuses_what_is_no_camera_above_a_floor(tmp_path, text, mess
 
 
 @pytest.mark.parametrize("people", [False, True])
-def test_floor_of_a_level_camera_is_found_though_it_is_a_strip_and_the_ceiling_is_larger(people):
+def test_narrow_floor_of_a_level_camera_is_found_below_a_larger_ceiling(people):
     room = Room(pose_of(90.0, 1.0))
     room.add(FLOOR, 0.0)
     room.add(FLOOR, 2.6)

@@ -53,7 +53,7 @@ def named(names: str) -> dict[str, object]:
 def test_arrays_are_refused_with_the_way_out_that_is_read(tmp_path):
     np.save(tmp_path / "cal.npy", np.eye(3))
     for path in (tmp_path, tmp_path / "cal.npy"):
-        with pytest.raises(InputError, match=r"an array of NumPy \(cal.npy\): write K1, D1, .* into a .json file"):
+        with pytest.raises(InputError, match="K1, D1"):
             load_rig(path)
     (tmp_path / "cal.json").write_text(json.dumps(named("K1 D1 K2 D2 R T") | {"image_size": [640, 480]}))
     assert load_rig(tmp_path / "cal.json").baseline_m == pytest.approx(0.1)
@@ -63,7 +63,7 @@ def test_size_of_a_calibration_is_scaled_to_the_same_aspect_alone(tmp_path):
     write_rig(RIG, tmp_path / "rig.toml")
     rig = load_rig(tmp_path, (320, 240))
     assert rig.left.fx == pytest.approx(250.0) and "scaled from 640x480 to 320x240" in rig.source
-    with pytest.raises(InputError, match=r"rig.toml: expected a calibration for images of 640x360, found one for 640x"):
+    with pytest.raises(InputError, match="640x360"):
         load_rig(tmp_path, (640, 360))
 
 
@@ -72,22 +72,28 @@ def test_size_that_a_file_lacks_is_taken_from_the_principal_point_with_a_note(tm
     assert rig.left.size == (640, 480) and "taken from the principal points" in rig.source
 
 
-def test_keys_of_tutorials_are_known_and_files_that_are_not_read_are_named(tmp_path):
+def test_keys_of_tutorials_are_read(tmp_path):
     (tmp_path / "a.json").write_text(json.dumps(named("mtxL distL mtxR distR rot trans")))
     assert load_rig(tmp_path).baseline_m == pytest.approx(0.1)
+
+
+def test_files_that_hold_no_calibration_are_named(tmp_path):
     (tmp_path / "a.json").write_text(json.dumps({"K": np.eye(3).tolist()}))
     (tmp_path / "rig.toml").write_text("")
-    with pytest.raises(InputError, match=r"none \(a.json is not of a known format, rig.toml is empty\)"):
+    with pytest.raises(InputError, match=r"a\.json .*rig\.toml"):
         load_rig(tmp_path)
 
 
-def test_millimetres_and_positive_translations_are_refused_with_the_way_out(tmp_path):
+def test_millimetres_are_refused_unless_they_are_named(tmp_path):
     opencv_pair(tmp_path, tx="-100.")
-    with pytest.raises(InputError, match=r"found 100 m \(1 m if it is in centimetres or 0.1 m if it is in milli"):
+    with pytest.raises(InputError, match=r"0\.1 m"):
         load_rig(tmp_path, (640, 480))
     assert load_rig(tmp_path, (640, 480), unit_m=0.001).baseline_m == pytest.approx(0.1)
+
+
+def test_exchanged_cameras_are_refused_unless_they_are_swapped(tmp_path):
     opencv_pair(tmp_path, tx="0.1")
-    with pytest.raises(InputError, match="left and right are swapped"):
+    with pytest.raises(InputError, match="swapped"):
         load_rig(tmp_path, (640, 480))
     assert load_rig(tmp_path, (640, 480), swap=True).right_SE3_left.translation[0] == pytest.approx(-0.1)
 
@@ -103,15 +109,15 @@ def test_numbers_that_are_not_finite_are_refused(last, tx, tmp_path):
 def test_lens_that_shows_no_picture_is_refused(k1, tmp_path):
     camera = replace(CAMERA, distortion=(k1, 0.0, 0.0, 0.0))
     write_rig(replace(RIG, left=camera), tmp_path / "rig.toml")
-    with pytest.raises(InputError, match=r"rig\.toml .*expected a left lens that shows the middle of its image"):
+    with pytest.raises(InputError, match="left lens"):
         load_rig(tmp_path / "rig.toml")
 
 
 @pytest.mark.parametrize(
     ("end", "found"),
     [
-        ("[right]", "no key 'right_SE3_left'; it ends in line 13"),
-        (", 0.0, 0.0]", r"Unclosed array \(at the end, line 12\)"),
+        ("[right]", "line 13"),
+        (", 0.0, 0.0]", "line 12"),
     ],
 )
 def test_where_a_rig_that_is_cut_short_ends_is_named(end, found, tmp_path):
@@ -146,7 +152,7 @@ def test_projections_of_rectified_images_alone_are_a_calibration(suffix, tmp_pat
     [
         ("a.json", json.dumps({name: [] for name in ("K1", "D1", "K2", "D2", "R")}), "OpenCV .* lacks T$"),
         ("a.yml", matrix("P2", 3, 4, "1"), "OpenCV .* lacks P1$"),
-        ("a.yml", matrix("M1", 3, 3, "1") + matrix("D1", 1, 4, "1"), r"its other half with M2, D2, R, T next to it"),
+        ("a.yml", matrix("M1", 3, 3, "1") + matrix("D1", 1, 4, "1"), "M2, D2, R, T"),
         ("a.conf", "[LEFT_CAM_HD]\nfx=1\n[STEREO]\n", "ZED factory conf it lacks RIGHT_CAM$"),
         ("calib.txt", "cam0=[1]\ncam1=[1]\nwidth=1\nheight=1\n", "Middlebury calib.txt it lacks baseline$"),
         (
@@ -165,7 +171,7 @@ def test_refusal_names_what_the_nearest_format_needs(name, text, lacks, tmp_path
 def test_two_calibrations_in_a_folder_are_refused_unless_one_is_ours(tmp_path):
     write_rig(RIG, tmp_path / "a.yml")
     write_rig(RIG, tmp_path / "b.yaml")
-    with pytest.raises(InputError, match=r"expected one calibration in it, found 2 \(a.yml, b.yaml\)"):
+    with pytest.raises(InputError, match=r"a\.yml, b\.yaml"):
         load_rig(tmp_path)
     write_rig(RIG, tmp_path / "rig.toml")
     assert load_rig(tmp_path).source == "test"
@@ -305,12 +311,15 @@ def test_format_keeps_every_reprojected_point_whatever_the_file_is_called_or_ref
     assert furthest_pixel(load_rig(path.rename(tmp_path / "x")), rig) < MAX_PX
 
 
-def test_opencv_reads_what_we_write_and_a_pair_of_files_is_read_back(tmp_path):
+def test_pair_of_opencv_files_is_read_back_from_its_folder_or_a_half(tmp_path):
     rig = StereoRig(BROWN4, BROWN5, RIG_POSE, "test")
     written = write_rig(rig, tmp_path / "pair", "opencv")
     assert [path.name for path in written] == ["intrinsics.yml", "extrinsics.yml"]
     assert furthest_pixel(load_rig(tmp_path / "pair"), rig) < MAX_PX
     assert furthest_pixel(load_rig(written[1]), rig) < MAX_PX
+
+
+def test_opencv_reads_what_we_write(tmp_path):
     write_rig(StereoRig(RATIONAL14, RATIONAL14, RIG_POSE, ""), tmp_path / "rig.yml")
     storage = cv2.FileStorage(str(tmp_path / "rig.yml"), cv2.FILE_STORAGE_READ)
     np.testing.assert_array_equal(storage.getNode("M1").mat(), RATIONAL14.matrix)
@@ -330,12 +339,15 @@ def stored_by_opencv(path: Path, rig: StereoRig, column: bool = False) -> Path:
     return path
 
 
-@pytest.mark.parametrize("suffix", [".yml", ".xml"])
-def test_files_that_opencv_writes_are_read_and_a_column_of_four_coefficients_is_asked_about(suffix, tmp_path):
+@pytest.mark.parametrize("name", ["a.yml", "a.xml"])
+def test_files_that_opencv_writes_are_read(name, tmp_path):
     rig = StereoRig(BROWN4, BROWN5, RIG_POSE, "")
-    assert furthest_pixel(load_rig(stored_by_opencv(tmp_path / f"a{suffix}", rig), (1280, 720)), rig) < MAX_PX
-    column = stored_by_opencv(tmp_path / f"b{suffix}", replace(rig, right=BROWN4), column=True)
-    with pytest.raises(InputError, match="distortion_model: fisheye"):
+    assert furthest_pixel(load_rig(stored_by_opencv(tmp_path / name, rig), (1280, 720)), rig) < MAX_PX
+
+
+def test_column_of_four_coefficients_may_be_a_fisheye(tmp_path):
+    column = stored_by_opencv(tmp_path / "a.yml", StereoRig(BROWN4, BROWN4, RIG_POSE, ""), column=True)
+    with pytest.raises(InputError, match="fisheye"):
         load_rig(column, (1280, 720))
 
 
@@ -356,5 +368,5 @@ def test_first_of_several_yaml_documents_is_read():
 
 @pytest.mark.parametrize(("y_m", "where"), [(-0.12, "below"), (0.12, "above")])
 def test_cameras_one_above_the_other_are_refused_by_name(y_m, where):
-    with pytest.raises(InputError, match=f"the right camera 0.120 m {where} the left one"):
+    with pytest.raises(InputError, match=where):
         StereoRig(CAMERA, CAMERA, SE3(np.eye(3), np.array([0.0, y_m, 0.0])), "test").check("rig")

@@ -56,20 +56,22 @@ def test_text_beyond_reason_is_refused(parse, text, found):
 
 @pytest.mark.parametrize("read", [load_rig, load_rules, load_config, load_file], ids=lambda f: f.__name__)
 @pytest.mark.parametrize("name", ["pipe", "/dev/zero"])
-def test_pipes_and_devices_are_refused_instead_of_waited_for(tmp_path, read, name):
+def test_special_files_are_refused_instead_of_waited_for(tmp_path, read, name):
     path = tmp_path / name
     if name == "pipe":
         os.mkfifo(path)
-    with pytest.raises(InputError, match="a pipe or a device"):
+    with pytest.raises(InputError, match="pipe"):
         read(path)  # type: ignore[operator]
 
 
-def test_large_files_folders_and_absence_are_named(tmp_path):
+@pytest.mark.parametrize(
+    ("name", "found"), [("sparse.toml", "20000000000"), ("", "a folder"), ("none", "no such file")]
+)
+def test_what_is_no_small_file_is_refused_by_its_kind(name, found, tmp_path):
     (tmp_path / "sparse.toml").touch()
     os.truncate(tmp_path / "sparse.toml", 20_000_000_000)
-    for name, found in (("sparse.toml", "20000000000"), ("", "found a folder"), ("none", "no such file or folder")):
-        with pytest.raises(InputError, match=found):
-            load_toml(tmp_path / name, "a rules.toml")
+    with pytest.raises(InputError, match=found):
+        load_toml(tmp_path / name, "a rules.toml")
 
 
 @pytest.mark.parametrize("setting", ["joint.patch_m=1e9", "joint.template_time_s=1e-30", "maps.distance_max_m=1e300"])
@@ -98,21 +100,27 @@ def test_reason_of_an_error_is_words_on_one_line(error, text):
     assert reason(error) == text
 
 
-def test_a_file_is_replaced_in_one_step_its_folder_made_and_left_as_it_was_by_an_error(tmp_path):
-    folder = tmp_path / "made" / "deep"
-    write_whole(folder / "a", "old")
-    write_whole(folder / "a", b"new")
-    with suppress(ZeroDivisionError), whole_file(folder / "a") as part:
+def test_folder_of_a_file_is_made(tmp_path):
+    write_whole(tmp_path / "made" / "deep" / "a", b"new")
+    assert (tmp_path / "made" / "deep" / "a").read_text() == "new"
+
+
+def test_failed_writing_leaves_the_file_as_it_was(tmp_path):
+    write_whole(tmp_path / "a", "old")
+    with suppress(ZeroDivisionError), whole_file(tmp_path / "a") as part:
         part.write_text("half")
         part.write_text(str(1 / 0))
-    assert (folder / "a").read_text() == "new" and [file.name for file in folder.iterdir()] == ["a"]
+    assert (tmp_path / "a").read_text() == "old" and [file.name for file in tmp_path.iterdir()] == ["a"]
 
 
-def test_links_stay_links_and_devices_devices(tmp_path):
+def test_link_stays_a_link_when_written(tmp_path):
     (tmp_path / "target").write_text("old")
     (tmp_path / "link").symlink_to(tmp_path / "target")
     write_whole(tmp_path / "link", "new")
     assert (tmp_path / "link").is_symlink() and (tmp_path / "target").read_text() == "new"
+
+
+def test_device_stays_a_device_when_written():
     write_whole(Path("/dev/null"), "gone")
     assert Path("/dev/null").is_char_device()
 
@@ -122,8 +130,11 @@ NO_LENGTHS = ["", "24.23", "-3mm", "0mm", "nanmm", "infm", "24,23mm", "3 parsec"
 NO_SIZES = ["1280", "0x5", "ax3", "-1x4", "1.5x2"]
 
 
-def test_length_with_unit_is_metres_and_size_is_width_by_height():
+def test_length_with_unit_is_metres():
     assert {text: parse_length(text) for text in LENGTHS} == pytest.approx(LENGTHS)
+
+
+def test_size_is_width_by_height():
     assert parse_size("1280x720") == (1280, 720)
 
 
@@ -132,7 +143,7 @@ def test_length_with_unit_is_metres_and_size_is_width_by_height():
     [(parse_length, text, "--square: expected") for text in NO_LENGTHS]
     + [(parse_size, text, "--square: .*WIDTHxHEIGHT") for text in NO_SIZES],
 )
-def test_length_and_size_without_sense_are_refused(parse, text, found):
+def test_quantity_without_sense_is_refused(parse, text, found):
     with pytest.raises(InputError, match=found):
         parse(text, "--square")
 
@@ -163,7 +174,7 @@ class Table(Params):
         ({"cell_m": "x" * 500}, None),
     ],
 )
-def test_first_problem_names_the_value_what_was_expected_and_found_and_cuts_it_short(values, sentence):
+def test_first_problem_is_one_short_sentence(values, sentence):
     with pytest.raises(ValidationError) as refused:
         Table.model_validate({"maps": values})
     printed = first_problem(refused.value)
@@ -181,7 +192,7 @@ def test_message_is_one_printable_line_whose_middle_is_left_out_where_it_is_long
 
 def test_missing_open3d_is_one_sentence_with_the_purpose(monkeypatch):
     monkeypatch.setitem(sys.modules, "open3d", None)
-    with pytest.raises(WorkError, match=r"^rendering needs open3d \(pip install open3d\)") as printed:
+    with pytest.raises(WorkError, match="open3d") as printed:
         import_open3d("rendering")
     assert "\n" not in str(printed.value)
 
@@ -190,17 +201,19 @@ BLUE = np.full((2, 3, 3), (255, 0, 0), np.uint8)
 GREY = np.arange(6, dtype=np.uint8).reshape(2, 3)
 
 
-def test_image_in_grey_and_in_colour_is_written_as_png_exactly(tmp_path):
+def test_grey_of_a_colour_is_its_luminance():
     np.testing.assert_array_equal(as_grey(BLUE), np.full((2, 3), 29))
-    assert as_grey(GREY) is GREY
-    for name, image in (("blue.png", BLUE), ("grey.png", GREY)):
-        write_image(tmp_path / name, image)
-        np.testing.assert_array_equal(cv2.imread(str(tmp_path / name)), as_colour(image))
+
+
+@pytest.mark.parametrize("image", [BLUE, GREY], ids=["colour", "grey"])
+def test_image_is_written_as_png_exactly(image, tmp_path):
+    write_image(tmp_path / "image.png", image)
+    np.testing.assert_array_equal(cv2.imread(str(tmp_path / "image.png")), as_colour(image))
 
 
 @pytest.mark.parametrize("name", ["floor.toml", "floor"])
 def test_picture_of_no_known_format_is_refused_by_name(tmp_path, name):
-    with pytest.raises(InputError, match=rf"e\.g\. floor\.png, found '{name}'"):
+    with pytest.raises(InputError, match=f"'{name}'"):
         write_image(tmp_path / name, BLUE)
     assert not (tmp_path / name).exists()
 

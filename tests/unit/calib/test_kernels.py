@@ -47,7 +47,7 @@ def kept(copy: Path) -> list[str]:
     return sorted(file.name for file in (copy / "planview" / "__pycache__").iterdir())
 
 
-def test_kernel_has_the_edited_constant_of_another_file_and_the_old_one_is_removed(copy):
+def test_kernel_is_replaced_when_a_constant_of_another_file_is_edited(copy):
     assert start(copy).stdout == "60 0\n"
     before = kept(copy)
     (copy / "stereo" / "step.py").write_text("STEP = 7\n")
@@ -55,29 +55,34 @@ def test_kernel_has_the_edited_constant_of_another_file_and_the_old_one_is_remov
     assert len(kept(copy)) == len(before) == 1 and not set(before) & set(kept(copy))
 
 
-def cut(content: bytes) -> bytes:
-    return content[:-100]
+def empty(file: Path) -> None:
+    file.write_bytes(b"")
 
 
-def flipped(content: bytes) -> bytes:
-    middle = len(content) // 2
-    return content[:middle] + bytes([content[middle] ^ 0x55]) + content[middle + 1 :]
+def cut(file: Path) -> None:
+    file.write_bytes(file.read_bytes()[:-100])
 
 
-@pytest.mark.parametrize("damage", [lambda _: b"", lambda _: os.urandom(5000), cut, flipped])
-def test_damaged_kernel_is_compiled_again_and_replaced(copy, damage):
+def overwrite(file: Path) -> None:
+    file.write_bytes(os.urandom(5000))
+
+
+def flip_a_byte(file: Path) -> None:
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 0x55
+    file.write_bytes(content)
+
+
+def lead_nowhere(file: Path) -> None:
+    file.unlink()
+    file.symlink_to("gone")
+
+
+@pytest.mark.parametrize("damage", [empty, cut, overwrite, flip_a_byte, lead_nowhere])
+def test_damaged_kernel_is_replaced(copy, damage):
     assert start(copy).stdout == "60 0\n"
     for file in (copy / "planview" / "__pycache__").iterdir():
-        file.write_bytes(damage(file.read_bytes()))
-    assert start(copy).stdout == "60 0\n"
-    assert start(copy).stdout == "60 1\n"
-
-
-def test_kernel_file_that_cannot_be_opened_is_replaced(copy):
-    assert start(copy).stdout == "60 0\n"
-    for file in (copy / "planview" / "__pycache__").iterdir():
-        file.unlink()
-        file.symlink_to("gone")
+        damage(file)
     assert start(copy).stdout == "60 0\n"
     assert start(copy).stdout == "60 1\n"
 
@@ -107,7 +112,7 @@ def test_kernel_runs_uncached_with_one_warning_where_no_folder_can_be_written(co
 
 def test_kernel_runs_uncached_with_a_warning_where_numba_has_no_such_cache(monkeypatch):
     monkeypatch.delattr("numba.core.caching.FunctionCache")
-    with pytest.warns(RuntimeWarning, match="this version of numba is unknown"):
+    with pytest.warns(RuntimeWarning, match="numba"):
         uncached = kernels.kernel(kept).dispatcher
     assert uncached.stats.cache_path is None
 
