@@ -6,9 +6,14 @@ from pathlib import Path
 
 import pytest
 from cli import Cli, JsonOf, Refused, ShownBy, one_sentence
+from hypothesis import settings
 
 # As in planview.cli: threads of small matrices wait for each other, most of all in tests side by side.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# The first example may compile a kernel.
+settings.register_profile("unhurried", deadline=None)
+settings.load_profile("unhurried")
 
 WITHOUT_RECORDINGS = "real recordings are not here"
 """Begins the reason of every skip for that."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -92,7 +92,6 @@ def test_roll_turns_the_image_clockwise_about_its_centre():
     np.testing.assert_allclose(rolled.project(point) - [320.0, 240.0], [c * right - s * low, s * right + c * low])
 
 
-@settings(deadline=None)
 @given(
     tilt=st.floats(0, 75), roll=st.floats(-20, 20), x=st.floats(-2, 2), y=st.floats(1, 8),
     lens=st.sampled_from(sorted(LENS_K_320)),

@@ -223,7 +223,7 @@ def test_floor_refuses_clouds_that_show_none(cloud, error, found):
         find_floor([cloud], focal_px=FOCAL_PX, baseline_m=BASELINE_M)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(arrays(np.float32, (1200, 3), elements=st.floats(-100, 100, width=32)))
 def test_floor_of_anything_is_a_floor_or_a_refusal(cloud):
     try:

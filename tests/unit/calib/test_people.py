@@ -7,7 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from calib.errors import InputError, WorkError
@@ -74,7 +74,6 @@ def test_hull_behind_the_camera_is_nan():
     assert np.isnan(MODEL.hulls(OBLIQUE, (0.0, -9.0))).all()
 
 
-@settings(deadline=None)
 @given(
     st.floats(-1.4, 1.4), st.floats(2.2, 8.0), st.floats(-20, 20), st.floats(-20, 40), st.sampled_from([0.9, 1.76, 2.1])
 )

@@ -69,10 +69,10 @@ def test_headers_without_a_time_of_this_world_take_the_time_of_recording(tmp_pat
 @pytest.mark.parametrize(
     ("shifts_m", "frame", "found"),
     [
-        (None, "", "expected a camera_info of /left/image_raw .*calibration="),
+        (None, "", "camera_info of /left/image_raw"),
         ((0.0, 0.0), "{}_optical", "no transform from left_optical to right_optical"),
-        ((0.0, 0.0), "infra1", "found none in P and both camera_info in the frame 'infra1'"),
-        ((0.0, 0.1), "{}_optical", r"expected P\[3\] of the right camera .*found \+3: change its sign"),
+        ((0.0, 0.0), "infra1", "'infra1'"),
+        ((0.0, 0.1), "{}_optical", r"found \+3"),
     ],
 )
 def test_bag_without_calibration_or_baseline_is_refused_with_what_it_lacks(tmp_path, shifts_m, frame, found):
@@ -94,16 +94,19 @@ def test_static_transforms_give_the_baseline_by_the_definition_in_the_bag(tmp_pa
 def test_truncated_bag_is_refused_with_the_way_out(tmp_path):
     path = stereo_bag(tmp_path / "a.bag")
     path.write_bytes(path.read_bytes()[:5000])
-    with pytest.raises(InputError, match=r"damaged or was cut off .*rosbag reindex"):
+    with pytest.raises(InputError, match="rosbag reindex"):
         open_recording(path)
 
 
-def test_topics_that_are_not_in_the_bag_are_refused_and_two_rigs_asked_for(tmp_path):
-    with pytest.raises(InputError, match=r"topics=: .*/stereo/left/image_raw.*found '/x'"):
+def test_topic_that_is_not_in_the_bag_is_refused_by_name(tmp_path):
+    with pytest.raises(InputError, match="'/x'"):
         find_layout(stereo_bag(tmp_path / "a.bag"), OpenOptions(topics=("/stereo/left/image_raw", "/x")))
-    bag = Listed(*(f"/{rig}/{side}/image_raw" for rig in "ab" for side in ("left", "right")))
-    with pytest.raises(InputError, match=r"two image topics.*, found /a/left.*/b/right/image_raw; use topics="):
-        choose_topics(bag, ())  # type: ignore[arg-type]
+
+
+def test_topics_of_two_rigs_are_listed_to_choose_from():
+    bag = Listed("/a/left", "/a/right", "/b/left", "/b/right")
+    with pytest.raises(InputError, match=r"/a/left.*/b/right.*topics="):
+        choose_topics(bag, ())
 
 
 class Listed:
@@ -123,7 +126,7 @@ def test_infrared_pair_is_in_the_order_of_its_numbers():
     assert choose_topics(Listed(*reversed(INFRARED)), ()) == ("stereo", *INFRARED)  # type: ignore[arg-type]
 
 
-def test_colour_and_depth_are_an_image_with_depth():
+def test_colour_topic_with_a_depth_topic_is_an_image_with_depth():
     bag = Listed(*COLOUR_AND_DEPTH, f"{COLOUR_AND_DEPTH[0]}/compressed")
     assert choose_topics(bag, ()) == ("rgbd", *COLOUR_AND_DEPTH)  # type: ignore[arg-type]
 
@@ -135,7 +138,7 @@ def test_topics_that_are_no_clear_pair_are_asked_for_with_their_list(topics):
 
 
 def test_one_image_topic_is_one_camera():
-    with pytest.raises(InputError, match="found only /cam/image_raw: one camera"):
+    with pytest.raises(InputError, match="one camera"):
         choose_topics(Listed("/cam/image_raw"), ())  # type: ignore[arg-type]
 
 
@@ -148,7 +151,7 @@ def test_messages_that_are_compressed_one_by_one_are_refused_with_the_way_out(tm
     writer.bag = bag
     writer.pairs(range(2))
     writer.close()
-    with pytest.raises(InputError, match="compressed: ros2 bag convert writes it unpacked"):
+    with pytest.raises(InputError, match="ros2 bag convert"):
         find_layout(tmp_path / "a")
 
 
@@ -156,7 +159,7 @@ def test_files_that_are_compressed_are_refused_with_the_way_out(tmp_path):
     path = stereo_bag(tmp_path / "a", False)
     file = next(path.glob("*.db3"))
     file.rename(path / f"{file.name}.zstd")
-    with pytest.raises(InputError, match="compressed: ros2 bag convert writes it unpacked"):
+    with pytest.raises(InputError, match="ros2 bag convert"):
         find_layout(path)
 
 
@@ -187,8 +190,8 @@ def test_bag_is_read_whatever_its_metadata_hold(tmp_path, plugin, changed):
 @pytest.mark.parametrize(
     ("lost", "more", "found"),
     [
-        ("*.db3", "", r"expected a ROS 2 bag, found .*no .db3 or .mcap file in it"),
-        ("metadata.yaml", "b.db3", r"found bags, a.db3 and b.db3: give one of them; ros2 bag reindex"),
+        ("*.db3", "", r"no \.db3"),
+        ("metadata.yaml", "b.db3", r"a\.db3 and b\.db3"),
     ],
 )
 def test_ros_2_folder_that_lacks_a_file_is_refused_with_the_way_out(tmp_path, lost, more, found):
@@ -233,7 +236,7 @@ def test_bag_of_the_realsense_sdk_has_its_baseline_from_the_places_of_its_camera
     assert recording.sensor.rig.baseline_m == pytest.approx(0.055) and recording.sensor.rig.left.fx == FOCAL
 
 
-def test_depth_of_the_realsense_sdk_has_the_unit_and_the_place_that_the_bag_holds(tmp_path):
+def test_depth_of_the_realsense_sdk_is_placed_as_the_bag_says(tmp_path):
     model, deep = "Inverse Brown Conrady", np.full((H, W), 20_000, np.uint16)
     streams = {"Depth_0": (0.0, model, deep, "16UC1"), "Color_0": (0.2, model, picture(0), "mono8")}
     recording = open_any(sdk_bag(tmp_path / "a.bag", 1e-4, **streams))
@@ -250,7 +253,7 @@ def test_images_coded_as_video_are_named_with_their_topics(tmp_path):
     packet = writer.store.types[name](writer.header(START_NS), np.zeros(9, np.uint8))
     writer.write("/left/image_raw/theora", START_NS, packet)
     writer.close()
-    with pytest.raises(InputError, match=r"/left/image_raw/theora of theora_image.*republish"):
+    with pytest.raises(InputError, match="/left/image_raw/theora"):
         find_layout(tmp_path / "a.bag")
 
 
@@ -275,6 +278,6 @@ class Sent(Listed):
         ({"left": "16UC1", "right": "16UC1"}, ["left", "right"], "stereo"),
     ],
 )
-def test_16_bit_depth_is_known_by_its_encoding_and_a_pair_of_16_bits_is_none(encodings, named, kind):
+def test_16_bits_are_depth_unless_both_topics_have_them(encodings, named, kind):
     topics = [f"/oak/{name}/image_raw" for name in named]
     assert choose_topics(Sent(**encodings), topics) == (kind, *(f"/oak/{name}/image_raw" for name in encodings))

@@ -12,15 +12,17 @@ from stereo.rig_correction import RigCorrection
 GEOMETRY = RectifiedGeometry(4, 3, 400.0, 400.0, 1.5, 1.0, 0.1, disparity_std_px=0.25)
 
 
-def test_depth_is_focal_times_baseline_over_disparity_and_back():
+def test_depth_is_focal_times_baseline_over_disparity():
     depth = GEOMETRY.depth(np.array([[20.0, 4.1, np.nan, 0.0, -1.0, 3.9]], np.float32), max_m=10.0)
-    assert depth.dtype == np.float32 and np.isnan(depth[0, 2:]).all()
-    np.testing.assert_allclose(depth[0, :2], [2.0, 40 / 4.1], rtol=1e-6)
+    np.testing.assert_allclose(depth, [[2.0, 40 / 4.1, *[np.nan] * 4]], rtol=1e-6)
+
+
+def test_disparity_is_focal_times_baseline_over_depth():
     assert GEOMETRY.disparity_at(2.0) == pytest.approx(20.0)
 
 
 def test_a_pair_without_a_baseline_is_refused():
-    with pytest.raises(ValueError, match="baseline above 0"):
+    with pytest.raises(ValueError, match="baseline"):
         RectifiedGeometry(640, 480, 525.0, 525.0, 319.5, 239.5, 0.0)
 
 
@@ -40,7 +42,7 @@ def test_back_projection_puts_the_principal_point_on_the_axis():
 
 
 @pytest.mark.parametrize(("step", "first"), [(1, 0.0), (2, 0.5), (3, 1.0), (4, 1.5)])
-def test_a_sample_has_the_disparity_and_the_point_of_its_middle(step, first):
+def test_a_sample_stands_for_its_middle(step, first):
     u, v = np.meshgrid(np.arange(24.0), np.arange(12.0))
     samples = Depth.of_whole(np.zeros((12, 24), np.uint8), (20 + 0.1 * u + 0.05 * v).astype(np.float32), step)
     u, v = np.meshgrid(np.arange(first, 24, step), np.arange(first, 12, step))
@@ -83,7 +85,7 @@ def test_rays_through_pixels_are_at_unit_depth():
     np.testing.assert_allclose(GEOMETRY.rays([[41.5, 21.0]]), [[0.1, 0.05, 1.0]])
 
 
-def test_median_image_leaves_out_who_walks_through_and_what_is_never_valid():
+def test_median_image_shows_what_stays():
     frames = [np.array([[depth, np.nan]], np.float32) for depth in (4.0, 1.0, 4.0)]
     np.testing.assert_array_equal(median_image(frames), [[4.0, np.nan]])
 
@@ -116,7 +118,7 @@ def seen(true: Plane, contrast: float) -> tuple[np.ndarray, np.ndarray, np.ndarr
 @pytest.mark.parametrize(
     ("lights", "taken"), [([100, 60, 104, 62, 0], [1, 0, 1, 0, 0]), ([60, 100, 61, 62], [1, 0, 1, 1])]
 )
-def test_of_two_lights_the_more_frequent_one_counts_and_of_equals_the_brighter_one(lights, taken):
+def test_images_are_taken_in_the_more_frequent_or_else_brighter_light(lights, taken):
     assert of_like_light([np.full((16, 16), light, np.uint8) for light in lights]).tolist() == taken
 
 
@@ -124,7 +126,7 @@ TRUE, GUESS = plane(60.0, 1.0, 2.5), plane(60.7, 0.7, 2.54)
 
 
 @pytest.mark.parametrize("stands", [False, True], ids=["empty", "something stands on it"])
-def test_a_plane_is_aligned_to_a_tenth_of_a_degree_and_knows_it(stands):
+def test_a_plane_is_aligned_to_a_tenth_of_a_degree(stands):
     left, right, depth = seen(TRUE, 200.0)
     if stands:
         left[100:160, 140:200], depth[100:160, 140:200] = left[40:100, 140:200], 1.5
@@ -134,13 +136,18 @@ def test_a_plane_is_aligned_to_a_tenth_of_a_degree_and_knows_it(stands):
     assert 0 < np.sqrt(np.trace(aligned.covariance)) < 0.01
 
 
-def test_a_floor_is_known_no_better_than_the_baseline_that_scales_it_and_the_turn_of_the_camera():
-    known = Plane(np.array([0.0, 0.0, -0.4]), 1.0, np.zeros((3, 3)))  # 2.5 m below
-    scaled = 0.4**2 * (SCALE_STD**2 + FOCAL_STD**2)
-    np.testing.assert_allclose(with_calibration_errors(known, 0.1).covariance, np.diag([0, 0, scaled]))
+KNOWN = Plane(np.array([0.0, 0.0, -0.4]), 1.0, np.zeros((3, 3)))  # 2.5 m below
+SCALED = 0.4**2 * (SCALE_STD**2 + FOCAL_STD**2)
+
+
+def test_a_floor_is_known_no_better_than_the_baseline_that_scales_it():
+    np.testing.assert_allclose(with_calibration_errors(KNOWN, 0.1).covariance, np.diag([0, 0, SCALED]))
+
+
+def test_a_floor_is_known_no_better_than_the_turn_of_the_camera():
     rolled = RigCorrection(np.array([0.0, 0.0, 2e-3]), np.full(3, 1e-4), np.array([0.0, 0.0, 1.0]))
-    turned = (1e-4 / 0.1) ** 2, scaled + 0.5 * (2e-3 / 0.1) ** 2  # a yaw moves all disparities, a roll tilts them
-    np.testing.assert_allclose(with_calibration_errors(known, 0.1, rolled).covariance, np.diag([0, *turned]))
+    turned = (1e-4 / 0.1) ** 2, SCALED + 0.5 * (2e-3 / 0.1) ** 2  # a yaw moves all disparities, a roll tilts them
+    np.testing.assert_allclose(with_calibration_errors(KNOWN, 0.1, rolled).covariance, np.diag([0, *turned]))
 
 
 def test_without_texture_the_guess_stays():

@@ -55,8 +55,11 @@ def named(recording: Recording[Any]) -> str:
     return finding.names if finding else ""
 
 
-def test_names_are_unique_and_every_hypothesis_says_what_to_do():
+def test_names_of_hypotheses_are_unique():
     assert len({hypothesis.name for hypothesis in HYPOTHESES}) == len(HYPOTHESES)
+
+
+def test_every_hypothesis_says_what_to_do():
     assert all(hypothesis.remedy for hypothesis in HYPOTHESES)
 
 

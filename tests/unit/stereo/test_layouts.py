@@ -39,7 +39,7 @@ def euroc(folder: Path, listed: bool = True) -> Path:
 
 
 @pytest.mark.parametrize("listed", [True, False])
-def test_euroc_folder_has_the_rate_of_its_stamps_and_its_own_calibration(tmp_path, listed):
+def test_euroc_folder_opens_with_the_times_of_its_stamps(tmp_path, listed):
     recording = open_recording(euroc(tmp_path, listed))
     assert [round(f.timestamp_s, 6) for f in recording] == [0.0, 0.05, 0.1, 0.15, 0.2, 0.25]
     assert recording.fps == pytest.approx(20.0) and recording.sensor.rig.baseline_m == pytest.approx(0.12)
@@ -49,7 +49,7 @@ def test_euroc_cameras_in_the_wrong_order_are_refused(tmp_path):
     folder, swap = euroc(tmp_path) / "mav0", tmp_path / "swap"
     for old, new in ((folder / "cam0", swap), (folder / "cam1", folder / "cam0"), (swap, folder / "cam1")):
         old.rename(new)
-    with pytest.raises(InputError, match="left and right are swapped"):
+    with pytest.raises(InputError, match="swapped"):
         open_recording(tmp_path)
 
 
@@ -86,10 +86,10 @@ def test_image_of_a_drive_without_a_time_is_named(tmp_path):
     file = next(folder.rglob("image_01/timestamps.txt"))
     lines = file.read_text().split("\n")
     file.write_text("\n".join(["", *lines[1:]]))
-    with pytest.raises(InputError, match=r"image_01/timestamps.txt: expected a time for 0000000000.png, found none"):
+    with pytest.raises(InputError, match=r"image_01/timestamps\.txt.*0000000000\.png"):
         open_recording(folder)
     file.write_text("\n".join(lines[:3]))
-    with pytest.raises(InputError, match=r"expected a time for 0000000003.png, found none"):
+    with pytest.raises(InputError, match=r"0000000003\.png"):
         open_recording(folder)
 
 
@@ -173,7 +173,7 @@ LFS = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 727\n"
 
 @pytest.mark.parametrize(
     ("name", "content", "found"),
-    [("a.bag", LFS, "git-lfs pointer: git lfs pull fetches the file"), ("a.svo2", "SVO", "ZED SDK")],
+    [("a.bag", LFS, "git lfs pull"), ("a.svo2", "SVO", "ZED SDK")],
 )
 def test_file_that_is_no_recording_is_named_as_what_it_is(tmp_path, name, content, found):
     (tmp_path / name).write_text(content)
@@ -190,7 +190,7 @@ EVEN = NOW + STEP * np.arange(10)
     "text",
     ["nan", "1e300", "9" * 30, "soon", "", "0001-01-01 00:00:00", "9999-12-31 00:00:00", "2262-04-12 00:00:00"],
 )
-def test_what_is_no_time_and_what_no_clock_shows_is_refused(text):
+def test_text_that_no_clock_shows_is_refused(text):
     with pytest.raises(InputError, match=f"expected.* found '?{text}"):
         read_stamps("", [text, "2022-04-15 05:20:00" if "-" in text else "1"])
 
@@ -214,7 +214,7 @@ def test_what_is_no_time_and_what_no_clock_shows_is_refused(text):
         (["20230405_120000"] * 9, None),
     ],
 )
-def test_times_in_names_have_their_unit_and_counters_are_none(names, step_ns):
+def test_times_in_names_have_their_unit(names, step_ns):
     stamps = stamps_in_names(names)
     step = None if stamps is None else np.median(np.diff(stamps.ns))
     assert step == (step_ns and pytest.approx(step_ns, abs=2e6))
@@ -229,11 +229,14 @@ def test_frames_pair_with_the_nearest_within_a_quarter_period():
     assert "3 of 11 frames without a mate within 25.0 ms" in pairs.notes[0]
 
 
-def test_frames_recorded_late_are_put_in_their_place_and_repeated_times_skipped():
+def test_frames_recorded_late_are_put_in_their_place():
     order = [0, 1, 3, 2, 4, 5, 6, 7, 8, 9]
     pairs = pair_stamps(EVEN[order], EVEN)
     assert pairs.left.tolist() == order and pairs.right.tolist() == list(range(10))
-    assert pairs.notes == ("1 frame of left recorded out of order, put in order of their times",)
+    assert "1 frame of left" in pairs.notes[0]
+
+
+def test_frames_of_repeated_times_are_skipped():
     stamps = EVEN[[0, 1, 2, 3, 3, 5, 6, 7, 8, 9]]
     pairs = pair_stamps(stamps, stamps)
     assert (pairs.left >= 0).sum() == 9 and np.all(np.diff(pairs.times_s[pairs.left >= 0]) > 0)
@@ -254,7 +257,7 @@ def test_clocks_that_differ_by_a_constant_or_stand_still_pair_in_order():
     assert pairs.left.tolist() == pairs.right.tolist() == [0, 1, 2] and math.isnan(pairs.fps)
 
 
-def test_rate_has_jitter_gaps_and_dropped_frames():
+def test_rate_leaves_out_gaps():
     rate = rate_of_times(np.array([0.0, 0.1, 0.2, 0.5, 0.6, 0.7]))
     assert rate.fps == pytest.approx(10.0) and rate.jitter_ms == pytest.approx(0.0, abs=1e-9)
     assert (rate.gaps, rate.dropped) == (1, 2) and rate.longest_gap_s == pytest.approx(0.3)

@@ -62,11 +62,15 @@ def test_area_that_shows_nothing_has_no_disparity(level):
     assert np.isnan(found[75:165, 115:235]).all()
 
 
-def test_unrelated_images_give_little_disparity_and_other_sizes_are_refused():
+def test_unrelated_images_give_little_disparity():
     left, right = (ToyWorld(seed=seed).pair(toy_rig())[0] for seed in (1, 2))
     assert np.isfinite(SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 64))(left, right)).mean() < 0.4
+
+
+def test_images_of_another_size_are_refused():
+    narrow = np.zeros((240, 300), np.uint8)
     with pytest.raises(ValueError, match=r"\(240, 320\)"):
-        SgbmMatcher(GEOMETRY)(left[:, :300], left[:, :300])
+        SgbmMatcher(GEOMETRY)(narrow, narrow)
 
 
 @pytest.mark.parametrize(("side", "seen"), [("mask", 197), ("right_mask", 212)])
@@ -162,7 +166,7 @@ def test_range_reaches_what_can_be_seen(geometry, params, floor, first_px, count
     assert first_px in (found.first_px, None) and count in (found.count, None)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 40), st.integers(1, 3))
 def test_coarse_disparity_equals_its_numpy_twin(seed, lowest, step):
     rng = np.random.default_rng(seed)
@@ -173,9 +177,9 @@ def test_coarse_disparity_equals_its_numpy_twin(seed, lowest, step):
     np.testing.assert_array_equal(ours, reference.coarse_disparity(fixed, usable, right_mask, step, lowest))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.integers(1, 2))
-def test_differences_and_shared_step_equal_their_numpy_twins(seed, step, apart):
+def test_refinement_equals_its_numpy_twin(seed, step, apart):
     rng = np.random.default_rng(seed)
     left, right = (rng.integers(0, 256, size).astype(np.uint8) for size in ((9, 12), (40, 60)))
     disparity = rng.uniform(3.0, 7.0, (9, 12)).astype(np.float32)

@@ -52,7 +52,7 @@ def test_damaged_camera_info_is_refused_in_one_sentence(tmp_path, damage):
         connection = writer.bag.add_connection(f"/{side}/camera_info", info.__msgtype__, typestore=writer.store)
         writer.bag.write(connection, START_NS, damage(writer.store.serialize_cdr(info, info.__msgtype__)))
     writer.close()
-    with pytest.raises(InputError, match=r"expected a camera_info in /left/camera_info, found .*calibration="):
+    with pytest.raises(InputError, match="/left/camera_info"):
         open_recording(tmp_path / "a")
 
 

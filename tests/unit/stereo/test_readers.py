@@ -45,7 +45,7 @@ def test_folder_recording_yields_pairs_in_order_each_time(tmp_path, colour):
     ],
     ids=["no image", "cut off", "another size"],
 )
-def test_damaged_image_is_skipped_and_counted(tmp_path, damage, why):
+def test_damaged_image_is_skipped_with_its_reason(tmp_path, damage, why):
     file = folder_recording(tmp_path / "r") / "left" / "0002.png"
     file.write_bytes(damage(file.read_bytes()))
     recording = open_recording(tmp_path / "r")
@@ -84,15 +84,21 @@ def test_folders_that_do_not_pair_are_refused_by_name(tmp_path):
     folder = folder_recording(tmp_path / "r", 9)
     for i in (3, 5, 7):
         (folder / "right" / f"{i:04d}.png").unlink()
-    with pytest.raises(InputError, match=r"0003\.png: expected a mate .*9 in left and 6 in right"):
+    with pytest.raises(InputError, match=r"0003\.png"):
         open_recording(folder)
 
 
-def test_files_pair_by_number_or_in_order_and_not_by_names_alone():
+def test_files_pair_by_number():
     pairs = pair_files([Path(f"l/left{i:02d}.jpg") for i in range(9)], [Path(f"r/right{i:02d}.jpg") for i in range(9)])
     assert pairs[4] == (Path("l/left04.jpg"), Path("r/right04.jpg"))
+
+
+def test_files_stamped_by_two_clocks_pair_in_order():
     left, right = ([Path(f"{first + 33 * i}.png") for i in range(5)] for first in (1000, 1007))
-    assert pair_files(left, right) == list(zip(left, right, strict=True))  # stamped by two clocks
+    assert pair_files(left, right) == list(zip(left, right, strict=True))
+
+
+def test_file_whose_mate_has_another_name_is_refused():
     with pytest.raises(InputError, match=r"left/b\.png"):
         pair_files([Path(f"left/{name}.png") for name in "abc"], [Path("right/a.png"), Path("right/c.png")])
 
@@ -103,7 +109,7 @@ def test_even_sequence_leaves_uneven_numbers_alone():
 
 
 @pytest.mark.parametrize("right", [8, 5])
-def test_videos_are_read_and_grey_detected_and_the_shorter_trims_the_pair(tmp_path, right):
+def test_shorter_video_trims_the_pair(tmp_path, right):
     recording = open_recording(video_pair(tmp_path, (8, right)))
     frames = list(recording)
     assert [f.index for f in frames] == list(range(right)) and frames[0].image.ndim == 2
@@ -139,10 +145,13 @@ def test_single_camera_video_is_refused_as_a_pair(tmp_path):
         open_recording(tmp_path / "clip.avi")
 
 
-def test_sample_spreads_frames_leaves_skipped_alone_and_seeks_in_videos(tmp_path):
+@pytest.mark.parametrize(("count", "frames"), [(3, [0, 2, 5]), (100, [*range(6)])])
+def test_sample_is_spread_over_the_frames(tmp_path, count, frames):
     recording = open_recording(folder_recording(tmp_path / "r"))
-    assert [f.index for f in recording.sample(3)] == [0, 2, 5]
-    assert [f.index for f in recording.sample(100)] == list(range(6)) and recording.skipped == []
+    assert [f.index for f in recording.sample(count)] == frames and recording.skipped == []
+
+
+def test_sample_of_videos_seeks_its_frames(tmp_path):
     frames = open_recording(video_pair(tmp_path, (12, 12))).sample(4)
     assert [(f.index, round(int(f.image[4, 4]) / 20)) for f in frames] == [(i, i) for i in (0, 4, 7, 11)]
 
@@ -167,39 +176,47 @@ def test_single_camera_folder_is_a_video(tmp_path):
     assert [f.index for f in video] == [0, 2, 3, 4, 5] and video.sensor.size == (W, H) and len(video.skipped) == 1
 
 
-def test_prefetch_passes_errors_on_stops_its_thread_and_closes_its_source():
+def test_prefetch_passes_errors_on():
+    def source() -> Iterator[int]:
+        yield 0
+        raise OSError("gone")
+
+    with pytest.raises(OSError, match="gone"):
+        list(prefetch(source()))
+
+
+def test_closed_prefetch_stops_its_thread_with_its_source():
     before, closed = threading.active_count(), threading.Event()
 
-    def source(count: int) -> Iterator[int]:
+    def source() -> Iterator[int]:
         try:
-            yield from range(count)
-            raise OSError("gone")
+            yield from range(1000)
         finally:
             closed.set()
 
-    with pytest.raises(OSError, match="gone"):
-        list(prefetch(source(1)))
-    closed.clear()
-    items = prefetch(source(1000), depth=2)
+    items = prefetch(source(), depth=2)
     assert next(items) == 0
     items.close()
     assert closed.is_set() and threading.active_count() == before
 
 
-def test_topics_may_be_one_text_and_a_rate_must_be_a_number():
+def test_topics_may_be_one_text():
     assert OpenOptions(topics="/a, /b").topics == ("/a", "/b")
+
+
+def test_rate_must_be_a_positive_number():
     for fps in ("30", -1):
-        with pytest.raises(InputError, match=f"fps=: expected 0.01 to 10000 frames per second, found {fps!r}"):
+        with pytest.raises(InputError, match=repr(fps)):
             OpenOptions(fps=fps)  # type: ignore[arg-type]
 
 
-def test_hidden_files_of_macos_and_notes_are_passed_over(tmp_path):
+def test_files_that_are_no_part_of_a_recording_are_passed_over(tmp_path):
     folder = folder_recording(tmp_path / "r")
-    for name in ("._rig.toml", "left/._000000.png", "._left.mp4"):
+    for name in ("._rig.toml", "left/._000000.png", "._left.mp4"):  # of macOS
         (folder / name).write_bytes(b"\0\5\x16\7" + bytes(100))
     (folder / "._left").mkdir()
-    assert [path.name for path in entries(folder)] == ["left", "rig.toml", "right"]
     (folder / "notes.json").write_text('{"by": "hand"}')
+    assert [path.name for path in entries(folder)] == ["left", "notes.json", "rig.toml", "right"]
     assert len(list(open_recording(folder))) == 6
 
 
@@ -306,7 +323,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Open
         server.shutdown()
 
 
-def test_stream_with_both_views_gives_pairs_until_it_ends_and_samples_a_quarter_second_apart(served):
+def test_stream_with_both_views_gives_pairs_until_it_ends(served):
     address, options = served
     recording = open_recording(Path(f"{address}/both.avi"), options)
     assert isinstance(recording, LiveRecording) and recording.n_frames == 0
@@ -324,17 +341,27 @@ def test_two_streams_are_paired_as_they_come(served):
     assert len(list(recording)) == COUNT and "paired as they come" in recording.notes[0]
 
 
-def test_live_camera_without_calibration_asks_for_one_and_an_address_without_answer_is_refused(served):
-    with pytest.raises(InputError, match="use calibration="):
+def test_live_camera_without_calibration_asks_for_one(served):
+    with pytest.raises(InputError, match="calibration="):
         open_recording(Path(f"{served[0]}/both.avi"))
-    with pytest.raises(InputError, match=r"http://127\.0\.0\.1:9/x: .*nothing that answers"):
+
+
+def test_address_without_an_answer_is_refused():
+    with pytest.raises(InputError, match="answers"):
         find_layout(Path("http://127.0.0.1:9/x"))
 
 
-def test_live_reader_takes_devices_and_addresses_only_and_shows_no_password(tmp_path):
-    fitting = ("0", "0,1", "rtsp://a/b", "http://a/b,http://a/c")
-    assert [READER.fits(Path(text)) for text in fitting] == [True] * 4
-    assert not READER.fits(tmp_path / "0") and not READER.fits(Path("ftp://a/b"))
+@pytest.mark.parametrize("name", ["0", "0,1", "rtsp://a/b", "http://a/b,http://a/c"])
+def test_devices_or_addresses_are_live(name):
+    assert READER.fits(Path(name))
+
+
+@pytest.mark.parametrize("name", ["/tmp/0", "ftp://a/b"])
+def test_files_are_not_live(name):
+    assert not READER.fits(Path(name))
+
+
+def test_password_of_an_address_is_left_out():
     assert without_password("rtsp://me:secret@10.0.0.1/a") == "rtsp://10.0.0.1/a"
 
 
@@ -357,12 +384,12 @@ def test_frames_of_a_video_by_number_are_those_of_reading_in_order(tmp_path, nam
     assert shown == [index for index, _ in found] == [5, 299, 399]
 
 
-def test_sensor_without_times_is_refused_and_a_rate_is_that_of_all(tmp_path):
+def test_sensor_without_times_is_refused_unless_a_rate_is_given(tmp_path):
     for name in ("a", "b"):
         folder_recording(tmp_path / name)
     write_times(tmp_path / "a" / "timestamps.csv", [0, 0.2, 0.4])
     pose = SE3.from_rotvec([np.pi, 0.0, 0.0], (0.0, 0.0, 2.7))
     save_rigs([RigEntry(name, pose) for name in ("a", "b")], tmp_path / "rigs.toml")
-    with pytest.raises(InputError, match=r"/b: the frames have no times, and there is no timestamps.csv; use fps="):
+    with pytest.raises(InputError, match="fps="):
         open_rigs(tmp_path)
     assert [part.fps for part in open_rigs(tmp_path, 10.0).parts] == [10.0, 10.0]

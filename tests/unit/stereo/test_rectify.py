@@ -111,17 +111,20 @@ def test_aligned_rectifier_takes_out_a_turn_the_calibration_missed(turn_deg):
     assert np.degrees(np.abs(left)).max() < 0.03 and found.after_px < 0.1 < found.before_px
 
 
-def test_rectifier_takes_colour_on_the_left_and_refuses_other_sizes():
+def test_rectifier_keeps_the_colours_of_the_left_image():
     image = np.zeros((240, 320, 3), np.uint8)
     image[..., 2] = 200
     pair = Rectifier(toy_rig())(image, image)
     assert pair.image.shape == (240, 320, 3)
     assert pair.left_grey[100, 100] == pair.right_grey[100, 100] == as_grey(image)[0, 0]
+
+
+def test_rectifier_refuses_images_of_another_size():
     with pytest.raises(ValueError, match=r"\(240, 320\)"):
         Rectifier(toy_rig())(np.zeros((240, 321), np.uint8), np.zeros((240, 321), np.uint8))
 
 
-def test_a_reduced_pair_has_the_greys_of_the_whole_pair_and_means_of_its_image():
+def test_a_reduced_pair_has_means_of_the_whole_image():
     rig = toy_rig(rotation_deg=TURN, distortion=BROWN)
     rectifier, images = Rectifier(rig), ToyWorld().pair(rig)
     whole, reduced = rectifier(*images), rectifier.reduce(*images, 2)
@@ -187,7 +190,7 @@ def test_skipped_frames_name_their_sensor():
     assert recording.fps == pytest.approx(10.0)
 
 
-def test_calibration_of_rectified_images_has_the_baseline_and_neither_lens_nor_turn():
+def test_calibration_of_rectified_images_is_ideal():
     turned = toy_rig((320, 240), rotation_deg=(3.0, 0.0, 0.0))
     ideal = rectified_rig(turned)
     assert is_ideal(ideal) and not is_ideal(turned)

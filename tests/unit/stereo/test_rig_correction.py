@@ -79,7 +79,7 @@ def test_corrected_rig_is_the_true_one():
     np.testing.assert_allclose(found.right_SE3_left.matrix, true.right_SE3_left.matrix, atol=1e-12)
 
 
-def test_correction_is_in_the_rectified_frame_and_keeps_the_length_of_the_baseline():
+def test_correction_turns_about_the_axes_of_the_rectified_frame():
     upright = toy_rig().left
     rig = StereoRig(upright, upright, SE3(np.eye(3), np.array([0.0, -0.12, 0.0])))  # one camera below the other
     corrected = RigCorrection(np.array([0.01, 0.0, 0.0]), np.full(3, 1e-6), np.ones(3))(rig)
@@ -88,10 +88,14 @@ def test_correction_is_in_the_rectified_frame_and_keeps_the_length_of_the_baseli
     np.testing.assert_allclose(pitch, [0.0, -0.01, 0.0], atol=1e-12)  # about the baseline, the camera's y axis
 
 
-def test_sentence_names_what_was_corrected_and_what_was_kept():
-    degrees, turned = (np.radians([0.004, 0.06, 0.158]), np.radians([0.003, 0.03, 0.01])), np.array([0.25, 0.5, 1.0])
-    assert str(RigCorrection(*degrees, turned)) == "roll corrected by 0.158 ± 0.010 degrees; pitch and yaw kept"
-    assert str(RigCorrection()) == "too little texture to compare the calibration with the images"
+def test_sentence_names_the_angle_that_was_corrected():
+    angles, deviations = np.radians([0.004, 0.06, 0.158]), np.radians([0.003, 0.03, 0.01])
+    correction = RigCorrection(angles, deviations, np.array([0.25, 0.5, 1.0]))
+    assert "roll corrected by 0.158 ± 0.010 degrees" in str(correction)
+
+
+def test_sentence_says_when_nothing_was_measured():
+    assert "too little texture" in str(RigCorrection())
 
 
 def test_a_rig_that_has_rolled_may_have_turned_as_far_about_the_vertical_which_rows_do_not_show():

@@ -104,20 +104,20 @@ def test_bad_timestamps_are_refused(tmp_path, text, found):
         ("frame,timestamp_s\n0,0.0\n1\x1c,0.5\x1d\n", [0.0, 0.5]),  # marks that count as blanks
     ],
 )
-def test_timestamps_of_any_table_start_at_zero_and_keep_gaps(tmp_path, text, times_s):
+def test_timestamps_of_any_table_start_at_zero(tmp_path, text, times_s):
     (tmp_path / "timestamps.csv").write_text(text)
     frames = range(len(times_s))
     np.testing.assert_allclose(load_timestamps(tmp_path / "timestamps.csv", frames, frames).times_s, times_s)
 
 
 @pytest.mark.parametrize(("name", "count"), [("r/left", 6), ("a.mjpeg", 7)])
-def test_images_and_pictures_without_a_container_have_no_times_but_those_of_a_rate(tmp_path, name, count):
+def test_frames_without_a_container_have_no_times_but_those_of_a_rate(tmp_path, name, count):
     folder_recording(tmp_path / "r")
     coded = cv2.imencode(".jpg", np.full((48, 64), 90, np.uint8))[1].tobytes()
     (tmp_path / "a.mjpeg").write_bytes(7 * coded)
     video = open_video(tmp_path / name)
     assert video.n_frames == count and all(math.isnan(frame.timestamp_s) for frame in video.sample(count))
-    with pytest.raises(InputError, match=r"the frames have no times, and there is no timestamps.csv; use fps="):
+    with pytest.raises(InputError, match="fps="):
         refuse_untimed(video)
     assert [f.timestamp_s for f in open_video(tmp_path / name, OpenOptions(fps=5)).sample(count)][:2] == [0.0, 0.2]
 
@@ -125,14 +125,14 @@ def test_images_and_pictures_without_a_container_have_no_times_but_those_of_a_ra
 def test_files_of_times_that_are_not_used_are_named_where_times_are_missing(tmp_path):
     folder = folder_recording(tmp_path / "r")
     write_times(folder / "left_timestamps.csv", [0, 0.1, 0.2, 0.3, 0.4, 0.5])
-    with pytest.raises(InputError, match=r"no timestamps.csv; not used: left_timestamps.csv .*; use fps="):
+    with pytest.raises(InputError, match="left_timestamps"):
         refuse_untimed(open_recording(folder))
 
 
 def test_table_with_a_time_of_one_frame_gives_no_times(tmp_path):
     folder = folder_recording(tmp_path / "r")
     write_times(folder / "timestamps.csv", [0])
-    with pytest.raises(InputError, match=r"no two frames have different times; timestamps.csv has times of 1 of 6"):
+    with pytest.raises(InputError, match="1 of 6"):
         refuse_untimed(open_recording(folder))
 
 
@@ -182,7 +182,7 @@ def test_the_unit_of_times_is_that_of_their_column(tmp_path, column, times, peri
     assert found[1] == pytest.approx(period_s) and noted in notes[0]
 
 
-def test_frames_after_a_time_far_ahead_are_read_and_run_on():
+def test_frames_after_a_time_far_ahead_run_on():
     image, own_s = np.zeros((4, 4), np.uint8), [0.0, 0.1, 90_000.0, 0.3, 0.4]
     parts = [(Decoded(index, time, image),) for index, time in enumerate(own_s)]
     decode = lambda indices: (part for part in parts)  # noqa: E731
@@ -215,7 +215,7 @@ def test_frames_of_a_table_that_are_the_numbers_of_the_images_are_theirs(tmp_pat
 def test_table_whose_frames_belong_to_no_image_is_refused_with_what_was_found(tmp_path):
     folder = folder_recording(tmp_path / "r")
     write_times(folder / "timestamps.csv", [0, 0.1, 0.2], [100, 101, 102])
-    with pytest.raises(InputError, match="a row for each of 6 images, found 3 rows for frames 100 to 102"):
+    with pytest.raises(InputError, match="100 to 102"):
         open_recording(folder)
 
 
@@ -245,5 +245,5 @@ def test_list_of_times_may_hold_more_than_the_times(tmp_path, lines):
 
 def test_list_of_times_that_is_too_short_is_refused(tmp_path):
     (tmp_path / "times.txt").write_text("0.0\n0.1\n\n0.3\n")
-    with pytest.raises(InputError, match="a time for each of 4 images, found 3"):
+    with pytest.raises(InputError, match="found 3"):
         read_times(tmp_path / "times.txt", 4)

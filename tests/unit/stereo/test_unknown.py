@@ -56,13 +56,13 @@ def test_folder_that_nearly_fits_is_told_what_to_do(tmp_path, names, found):
 def test_depth_given_as_a_video_of_its_own_is_named(tmp_path):
     (tmp_path / "rgb.avi").touch()
     (tmp_path / "depth.avi").touch()
-    with pytest.raises(InputError, match=r"depth.avi: depth in a video is not read"):
+    with pytest.raises(InputError, match=r"depth\.avi"):
         find_layout(tmp_path / "rgb.avi", OpenOptions(right=tmp_path / "depth.avi"))
 
 
 def test_two_single_images_are_no_recording(tmp_path):
     write_images(tmp_path, "a.png", "b.png")
-    with pytest.raises(InputError, match="a single image, in which nobody walks"):
+    with pytest.raises(InputError, match="a single image"):
         find_layout(tmp_path / "a.png", OpenOptions(right=tmp_path / "b.png"))
 
 
@@ -73,7 +73,7 @@ def test_registered_depth_is_taken_before_raw_depth(tmp_path):
     assert layout.kind == "rgbd" and [stream.n_frames for stream in layout.streams] == [2, 1]
 
 
-def test_colour_and_depth_of_one_name_in_one_folder_are_a_recording(tmp_path):
+def test_depth_named_as_its_image_in_one_folder_is_a_recording(tmp_path):
     write_images(tmp_path, "0.jpg", "1.jpg")
     write_images(tmp_path, "0.png", "1.png", image=DEEP)
     assert find_layout(tmp_path)[1].kind == "rgbd"
@@ -103,7 +103,7 @@ def test_arrays_of_numpy_are_a_calibration_by_any_usual_names(tmp_path, names):
 
 def test_arrays_of_numpy_that_are_no_calibration_name_what_they_lack(tmp_path):
     np.savez(tmp_path / "calib.npz", Q=np.eye(4), P1=np.zeros((3, 4)))
-    with pytest.raises(InputError, match=r"found none of these formats; for OpenCV .* it lacks P2"):
+    with pytest.raises(InputError, match="lacks P2"):
         load_rig(tmp_path / "calib.npz")
 
 

@@ -93,13 +93,13 @@ def test_images_that_are_none_say_what_they_are(tmp_path, content, why):
     for file in (folder / "left").iterdir():
         file.unlink()
         file.symlink_to(tmp_path / "gone") if content is None else file.write_bytes(content)
-    with pytest.raises(InputError, match=f"left: expected images, found none of 2 that can be read: .*{why}"):
+    with pytest.raises(InputError, match=f"left: .*{why}"):
         open_recording(folder)
 
 
 def test_depth_of_8_bits_is_named(tmp_path):
     write_images(write_images(tmp_path, "depth/0.png"), "rgb/0.png", image=picture(0, colour=True))
-    with pytest.raises(InputError, match=r"depth: expected depth images .*: uint8 values in 1 channel"):
+    with pytest.raises(InputError, match="uint8"):
         find_layout(tmp_path)
 
 
@@ -109,11 +109,11 @@ def box(kind: bytes, content: bytes = b"") -> bytes:
 
 def test_video_without_its_index_was_cut_off(tmp_path):
     (tmp_path / "a.mp4").write_bytes(box(b"ftyp", b"isom") + box(b"mdat", bytes(100)))
-    with pytest.raises(InputError, match="cut off: its index"):
+    with pytest.raises(InputError, match="cut off"):
         open_video(tmp_path / "a.mp4")
 
 
-def test_frames_before_the_first_key_frame_are_skipped_and_the_others_keep_their_numbers(tmp_path):
+def test_frames_keep_their_numbers_after_those_before_the_first_key_frame(tmp_path):
     capture = cv2.VideoCapture(str(DEMO))
     capture.set(cv2.CAP_PROP_FORMAT, -1)
     packets = [capture.read()[1].tobytes() for _ in range(256)]

@@ -108,7 +108,7 @@ BLANKS = {"black": 0, "grey": 128, "white": 255}
 
 @pytest.mark.parametrize("level", BLANKS.values(), ids=BLANKS)
 @pytest.mark.parametrize("blank_at", [0, 3, 12], ids=["first", "middle", "last"])
-def test_blank_shot_is_of_no_view_and_hides_none(level, blank_at):
+def test_blank_shot_is_of_no_view(level, blank_at):
     shots = [(room(), room())] * 7 + [(room(4.0), room(4.0))] * 5
     blank = np.full((480, WIDTH), level, np.uint8)
     shots.insert(blank_at, (blank, blank))
@@ -147,7 +147,7 @@ def test_standing_holds_what_it_saw_while_too_little_shows():
 
 @pytest.mark.parametrize("axis", [(0.0, 1.0, 0.0), (0.0, 0.0, 1.0)], ids=["pan", "roll"])
 @pytest.mark.parametrize("swing_deg", [0.3, 0.5, 0.8])
-def test_camera_that_shakes_stands_and_says_by_how_much(swing_deg, axis):
+def test_camera_that_shakes_stands(swing_deg, axis):
     standing = Standing(STILL)
     swings = islice(cycle([0.0, 1.0, 0.3, -1.0, -0.3]), 40)
     assert all(watch(standing, [(turned(swing_deg * swing, axis),) * 2 for swing in swings], fps=4.0))

@@ -24,7 +24,7 @@ def _frames(rng: np.random.Generator, colour: bool, depth: bool) -> tuple[np.nda
     return (image if colour else image[:, 0].copy()), (disparity.astype(np.float32) if depth else None)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     seed=st.integers(0, 2**32 - 1),
     colour=st.booleans(),

@@ -22,7 +22,7 @@ def _lumas(seed: int, gain: float, offset: float, outliers: float) -> tuple[np.n
     return model, luma.clip(0, 255).astype(np.float32)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     seed=st.integers(0, 2**32 - 1),
     gain=st.floats(0.3, 3),

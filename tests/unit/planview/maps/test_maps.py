@@ -94,7 +94,7 @@ def test_grid_cell_owns_its_lower_edge():
     assert accumulate(point, np.ones(1, np.float32), 0.0, (0.0, 0.0, 0.25), grid.shape)[0][1, 2] == 1.0
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_map_kernels_equal_their_reference(seed):
     rng = np.random.default_rng(seed)

@@ -117,7 +117,7 @@ _pieces = st.lists(
 )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(_pieces)
 def test_refinement_adds_no_row_and_keeps_ids_unique(pieces):
     tables = [

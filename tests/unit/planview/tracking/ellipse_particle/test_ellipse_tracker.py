@@ -221,7 +221,7 @@ def test_feedback_is_where_confirmed_people_are():
     assert (mask[60, 69], mask[60, 20]) == (WALKER, NO_FEEDBACK)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(
     st.lists(
         hnp.arrays(np.uint8, (24, 32), elements=st.sampled_from([0, 255]), fill=st.sampled_from([0, 255])),
