@@ -30,7 +30,7 @@ def shared_data() -> Path:
 
 
 @pytest.fixture
-def cli(capsys: pytest.CaptureFixture[str]) -> Cli:
+def cli(capsys) -> Cli:
     """Run a command in this process: exit status and what it prints on stderr."""
 
     def command(*argv: object) -> tuple[int, str]:
@@ -46,7 +46,7 @@ def cli(capsys: pytest.CaptureFixture[str]) -> Cli:
 
 
 @pytest.fixture
-def refused(cli: Cli) -> Refused:
+def refused(cli) -> Refused:
     """Run a command that is refused: the one sentence that gives the reason."""
 
     def command(*argv: object, status: int = 2) -> str:
@@ -58,7 +58,7 @@ def refused(cli: Cli) -> Refused:
 
 
 @pytest.fixture
-def shown_by(capsys: pytest.CaptureFixture[str]) -> ShownBy:
+def shown_by(capsys) -> ShownBy:
     """Run a command: what it prints on stdout."""
 
     def command(*argv: object) -> str:
@@ -73,7 +73,7 @@ def shown_by(capsys: pytest.CaptureFixture[str]) -> ShownBy:
 
 
 @pytest.fixture
-def json_of(shown_by: ShownBy) -> JsonOf:
+def json_of(shown_by) -> JsonOf:
     """Run a command with --json: the object that it prints."""
     return lambda *argv: dict(json.loads(shown_by(*argv, "--json")))
 

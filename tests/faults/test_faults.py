@@ -21,7 +21,7 @@ NOTES = "notes of another program"
 
 
 @pytest.fixture(scope="session")
-def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def good(tmp_path_factory) -> Path:
     """30 frames of 160x120 in which a person walks."""
     world, rig = ToyWorld(), toy_rig((160, 120), 115.0, 0.12)
     pairs = [world.pair(rig, walking(i), i) for i in range(FRAMES)]
@@ -31,7 +31,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(autouse=True)
-def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
+def no_report(monkeypatch) -> None:
     """Plots cost more than the run. The name is patched where it is used: a command that is imported for the first time
     while the module of the page is patched would keep the patch for all later tests."""
     monkeypatch.setattr("planview.output.run.write_report", lambda folder: None)

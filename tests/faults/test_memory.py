@@ -50,7 +50,7 @@ class Laps:
 
 
 @pytest.fixture
-def engine(tmp_path: Path) -> Engine:
+def engine(tmp_path) -> Engine:
     world, rig = ToyWorld(), toy_rig((160, 120), 115.0, 0.12)
     folder = write_toy_recording(tmp_path / "r", rig, [world.pair(rig, walking(i), i) for i in range(LAP)])
     save_world(Floor(world.world_SE3_left, 0.8, 0.01), folder / "world.toml")

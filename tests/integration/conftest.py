@@ -22,24 +22,24 @@ def pairs() -> list[Pair]:
 
 
 @pytest.fixture(scope="session")
-def recording(pairs: list[Pair], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording(pairs, tmp_path_factory) -> Path:
     return write_toy_recording(tmp_path_factory.mktemp("toy") / "recording", toy_rig(), pairs)
 
 
 @pytest.fixture(scope="session")
-def engine(recording: Path) -> Engine:
+def engine(recording) -> Engine:
     """Floor found once; iterating it again gives the same frames."""
     return open_engine(recording, config=load_config(None, [FEW]))
 
 
 @pytest.fixture(scope="session")
-def short_clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def short_clip(tmp_path_factory) -> Path:
     """A folder in which data/synthetic/demo is a part of the committed clip."""
     return write_short_clip(tmp_path_factory.mktemp("short"))
 
 
 @pytest.fixture
-def copy(recording: Path, engine: Engine, tmp_path: Path) -> Path:
+def copy(recording, engine, tmp_path) -> Path:
     """A recording to be damaged; its floor is given, so that only the damage is tried."""
     folder = tmp_path / "copy"
     shutil.copytree(recording, folder)
@@ -48,7 +48,7 @@ def copy(recording: Path, engine: Engine, tmp_path: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def sensors(recording: Path, engine: Engine, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def sensors(recording, engine, tmp_path_factory) -> Path:
     """Two sensors at one place that record the same."""
     folder, pose = tmp_path_factory.mktemp("sensors"), engine.stereo.floor.world_SE3_left
     for name in ("left_one", "right_one"):

@@ -20,7 +20,7 @@ TRUTH = "frame,id,x_m,y_m,height_m\n" + "".join(
 
 
 @pytest.fixture
-def bench(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Bench:
+def bench(capsys, monkeypatch) -> Bench:
     """Run a benchmark in this process: exit status, and what it prints on stdout and stderr."""
 
     def command(*words: object) -> tuple[int, str, str]:
@@ -43,7 +43,7 @@ def json_of(result: tuple[int, str, str]) -> dict[str, Any]:
 
 
 @pytest.fixture
-def data(copy: Path) -> Path:
+def data(copy) -> Path:
     """A folder with one recording that has truth."""
     (copy / "truth.csv").write_text(TRUTH)
     return copy.parent
@@ -66,7 +66,7 @@ steps = [{ go = [[5.6, 3]], speed_mps = 1.2 }]
 
 
 @pytest.fixture
-def tiny(tmp_path: Path) -> tuple[object, ...]:
+def tiny(tmp_path) -> tuple[object, ...]:
     """Words for the suite of a scene that is rendered in seconds."""
     (tmp_path / "scenes").mkdir()
     (tmp_path / "scenes" / "tiny.toml").write_text(TINY)

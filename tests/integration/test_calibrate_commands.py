@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 from toy_recordings import write_frames
-from toy_run import FEW, Pair
+from toy_run import FEW
 from toy_stereo import toy_rig, write_toy_recording
 
 from calib.formats import load_rig
@@ -19,7 +19,7 @@ from stereo.readers.open import open_recording
 
 
 @pytest.fixture(scope="module")
-def photos(shared_data: Path) -> Path:
+def photos(shared_data) -> Path:
     return shared_data / "opencv-stereo-chessboard"
 
 
@@ -100,12 +100,12 @@ HEIGHT_M = 2.5
 
 
 @pytest.fixture(scope="module")
-def small(pairs: list[Pair], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def small(pairs, tmp_path_factory) -> Path:
     return write_toy_recording(tmp_path_factory.mktemp("floor") / "recording", toy_rig(), pairs[::9])
 
 
 @pytest.fixture
-def own(small: Path, tmp_path: Path) -> Path:
+def own(small, tmp_path) -> Path:
     """A copy that may be written into."""
     return Path(shutil.copytree(small, tmp_path / "own"))
 

@@ -50,7 +50,7 @@ def people() -> list[HumanSample]:
 
 
 @pytest.fixture
-def page(tmp_path: Path, people: list[HumanSample]) -> Iterator[str]:
+def page(tmp_path, people) -> Iterator[str]:
     pytest.importorskip("nicegui", reason="the extra ui is not installed")
     frames = tmp_path / "frames"
     frames.mkdir()
@@ -162,7 +162,7 @@ serve(CalibrationSession("clip", [np.zeros((48, 64, 3), np.uint8)], [0]), Path("
 
 
 @pytest.fixture(scope="module")
-def port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
+def port(tmp_path_factory) -> Iterator[int]:
     number = free_port()
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("NICEGUI", "PYTEST"))}
     server = subprocess.Popen(

@@ -67,7 +67,7 @@ def test_reason_not_to_run_is_still_needed(pattern):
 
 
 @pytest.fixture(scope="module")
-def run_folder(short_clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run_folder(short_clip, tmp_path_factory) -> Path:
     """A folder with a recording and a finished run of it, as the documents assume one."""
     folder = tmp_path_factory.mktemp("documents")
     shutil.copytree(short_clip / "data", folder / "data")

@@ -3,7 +3,6 @@
 import json
 import runpy
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,7 +15,7 @@ FRAMES = 22
 
 
 @pytest.fixture
-def example(short_clip: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], dict[str, Any]]:
+def example(short_clip, monkeypatch) -> Callable[[str], dict[str, Any]]:
     """Load a program where data/synthetic/demo is the short clip."""
     monkeypatch.chdir(short_clip)
     return lambda name: runpy.run_path(str(EXAMPLES / name), run_name="example")

@@ -16,7 +16,7 @@ SPEED_MPS, FPS, FRAMES = 1.5, 15, 90
 
 
 @pytest.fixture
-def tracks(tmp_path: Path) -> Path:
+def tracks(tmp_path) -> Path:
     """tracks.csv of four people, 1 m apart in a square, who walk along y at 1.5 m/s."""
     frame = np.repeat(np.arange(FRAMES), 4)
     start = np.tile([(-0.5, 0.0), (0.5, 0.0), (-0.5, 1.0), (0.5, 1.0)], (FRAMES, 1))

@@ -251,7 +251,7 @@ def test_the_state_of_an_engine_is_a_copy_whatever_its_tracker_hands_out():
 
 
 @pytest.fixture
-def clip(tmp_path: Path) -> Path:
+def clip(tmp_path) -> Path:
     for i in range(3):
         image = np.zeros((48, 64), np.uint8)
         image[20, 10 + i] = 255

@@ -24,7 +24,7 @@ from stereo.recording import DepthCamera
 
 
 @pytest.fixture
-def truth(shared_data: Path) -> Trajectories:
+def truth(shared_data) -> Trajectories:
     path = shared_data / "pets09-s2l1-view001" / "gt.txt"
     if not path.is_file():
         pytest.skip(f"{path} is not here")
@@ -122,7 +122,7 @@ STANDS_FROM = 30
 
 
 @pytest.fixture(scope="module")
-def walked(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def walked(shared_data, tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("rgbd") / "out"
     _run(shared_data / "rgbd-one-walker", "--fps", 5, "--out", out, "--maps")
     return out

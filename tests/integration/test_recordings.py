@@ -40,7 +40,7 @@ REFUSED = {
 
 
 @pytest.fixture
-def recordings(shared_data: Path) -> Path:
+def recordings(shared_data) -> Path:
     if not (shared_data / "recordings").is_dir():
         pytest.skip("no recordings in the test data")
     return shared_data / "recordings"
@@ -73,7 +73,7 @@ def test_what_is_no_recording_is_refused_in_one_sentence(recordings, name):
 
 
 @pytest.fixture(scope="module")
-def samples(shared_data: Path) -> Path:
+def samples(shared_data) -> Path:
     return shared_data / "calib-format-samples"
 
 

@@ -24,12 +24,12 @@ FEW = Config.model_validate({"analysis": {"setup_frames": 6}})
 
 
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording(tmp_path_factory) -> Path:
     return write_toy_rgbd(tmp_path_factory.mktemp("rgbd") / "recording")
 
 
 @pytest.fixture(scope="module")
-def engine(recording: Path) -> Engine:
+def engine(recording) -> Engine:
     return open_engine(recording, config=FEW)
 
 

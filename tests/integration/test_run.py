@@ -16,7 +16,6 @@ from toy_stereo import toy_rig, walking, write_toy_recording
 
 from planview.cli import main
 from planview.engine.config import load_config
-from planview.engine.engine import Engine
 from planview.engine.open import open_engine
 from planview.output.folder import read_run_info
 from planview.output.run import run
@@ -25,7 +24,7 @@ from planview.trajectories.table import read_tracks
 
 
 @pytest.fixture(scope="module")
-def folder(engine: Engine, recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(engine, recording, tmp_path_factory) -> Path:
     """A run with everything: rules, decisions and the rerun recording, by the command."""
     out = tmp_path_factory.mktemp("run")
     rules = out.parent / "rules.toml"

@@ -133,7 +133,7 @@ def test_tracks_end_with_a_whole_frame_when_the_disk_fills_up(refused, copy, tmp
 
 
 @pytest.fixture
-def tiny_disk(tmp_path: Path) -> Iterator[Path]:
+def tiny_disk(tmp_path) -> Iterator[Path]:
     """A file system of 32 kB, where one may be mounted."""
     place = tmp_path / "tiny"
     place.mkdir()

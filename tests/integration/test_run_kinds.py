@@ -15,7 +15,7 @@ import planview
 from calib.errors import InputError
 from calib.ground_camera import save_ground_camera
 from calib.world import load_rigs, save_rigs
-from planview.engine.engine import Engine, FrameResult
+from planview.engine.engine import FrameResult
 from planview.engine.open import engine_of, open_engine
 from planview.maps.recording import MapsRecording
 from planview.output.folder import read_run_info
@@ -29,7 +29,7 @@ PRODUCTS = ("tracks.csv", "decisions.csv")
 
 
 @pytest.fixture(scope="module")
-def live(engine: Engine, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[FrameResult]]:
+def live(engine, tmp_path_factory) -> tuple[Path, list[FrameResult]]:
     """The folder of a run that saved its maps, and its results."""
     folder = tmp_path_factory.mktemp("live")
     results: list[FrameResult] = []
@@ -38,7 +38,7 @@ def live(engine: Engine, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path
 
 
 @pytest.fixture
-def maps(live: tuple[Path, list[FrameResult]], tmp_path: Path) -> Path:
+def maps(live, tmp_path) -> Path:
     """A copy to be damaged."""
     return Path(shutil.copy(live[0] / "maps.h5", tmp_path / "maps.h5"))
 
@@ -186,7 +186,7 @@ PERSON = CAMERA.project(np.array([(0.0, 6.0, 0.0), (0.0, 6.0, 1.75)]))
 
 
 @pytest.fixture
-def video(tmp_path: Path) -> Path:
+def video(tmp_path) -> Path:
     path = tmp_path / "street.avi"
     write_frames(path, [np.full((CAMERA.height, CAMERA.width, 3), 90, np.uint8)] * 20)
     save_ground_camera(CAMERA, tmp_path / "camera.toml")
@@ -228,7 +228,7 @@ def test_boxes_beyond_the_video_are_refused(video):
 
 
 @pytest.fixture(scope="module")
-def two(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
+def two(recording, tmp_path_factory) -> tuple[Path, Path, Path]:
     """Folders of the left and the right camera in different places, and the calibration in a third one."""
     place = tmp_path_factory.mktemp("two")
     left, right, rig = place / "north" / "images", place / "south" / "pictures", place / "rigs" / "toy.toml"
@@ -240,7 +240,7 @@ def two(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path
 
 
 @pytest.fixture(scope="module")
-def out(two: tuple[Path, Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def out(two, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("out") / "run"
     left, right, rig = map(str, two)
     planview.run(left, right, calibration=rig, fps=15.0, out=str(folder), config={"analysis.setup_frames": 4})

@@ -71,7 +71,7 @@ def stop_at(frame: int | None) -> object:
 
 
 @pytest.fixture
-def rules(tmp_path: Path) -> Path:
+def rules(tmp_path) -> Path:
     (tmp_path / "rules.toml").write_text(RULES)
     return tmp_path / "rules.toml"
 
@@ -177,7 +177,7 @@ def test_the_parts_of_the_users_own_are_named_in_run_json(engine, tmp_path):
 
 
 @pytest.fixture
-def matched(copy: Path, tmp_path: Path) -> Path:
+def matched(copy, tmp_path) -> Path:
     """The folder of a run with a matcher of the user's own."""
     folder = tmp_path / "matched"
     planview.run(copy, out=folder, matcher=OwnMatcher("one"), frames=5, overrides=[FEW])

@@ -7,7 +7,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from cli import Cli
 from toy_recordings import write_frames
 
 from calib.ground_camera import GroundCamera, save_ground_camera
@@ -70,7 +69,7 @@ Run = Callable[[Callable[[int], U8], int], tuple[RunInfo, str]]
 
 
 @pytest.fixture(params=["human-model", "ellipse-particle"])
-def run(request: pytest.FixtureRequest, cli: Cli, tmp_path: Path) -> Run:
+def run(request, cli, tmp_path) -> Run:
     """Track a clip: run.json, and what is printed."""
 
     def run_on(paint: Callable[[int], U8], n_frames: int) -> tuple[RunInfo, str]:

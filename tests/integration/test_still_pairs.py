@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib.types import F32
-from planview.engine.engine import Engine, FrameResult
+from planview.engine.engine import FrameResult
 
 
 def disparity_of(result: FrameResult) -> F32:
@@ -25,7 +25,7 @@ def _no_first_pairs() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def disparities(engine: Engine) -> list[F32]:
+def disparities(engine) -> list[F32]:
     """Of all frames, without an interruption; the room is empty and still in the first ten."""
     return [disparity_of(result) for result in engine]
 

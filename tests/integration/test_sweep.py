@@ -11,7 +11,6 @@ from distributed import Client, LocalCluster
 from toy_run import EMPTY, FEW, FRAMES
 from toy_stereo import walking
 
-from planview.engine.engine import Engine
 from planview.output.run import run
 from planview.output.run_spec import RunSpec
 
@@ -30,7 +29,7 @@ def worker() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def toy_maps(engine: Engine, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def toy_maps(engine, tmp_path_factory) -> Path:
     """The plan-view recording of the toy recording."""
     folder = tmp_path_factory.mktemp("maps")
     run(engine, RunSpec(folder, maps=True))
@@ -38,7 +37,7 @@ def toy_maps(engine: Engine, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def halls(toy_maps: Path, tmp_path: Path) -> Path:
+def halls(toy_maps, tmp_path) -> Path:
     """Folders a and b, each with maps.h5 and truth."""
     for name in ("a", "b"):
         (tmp_path / name).mkdir()

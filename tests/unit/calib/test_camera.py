@@ -112,7 +112,7 @@ def test_what_is_higher_than_the_camera_is_ahead_of_it_or_nowhere():
 
 
 @pytest.fixture
-def camera_file(tmp_path: Path) -> Path:
+def camera_file(tmp_path) -> Path:
     """A camera that has rolled by -0.0436 rad."""
     save_ground_camera(GroundCamera(640, 480, 512.3, 4.1, 1.06, "normal", -0.0436), tmp_path / "camera.toml")
     return tmp_path / "camera.toml"

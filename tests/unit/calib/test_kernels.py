@@ -18,7 +18,7 @@ print(value, sum(scaled.dispatcher.stats.cache_hits.values()))
 
 
 @pytest.fixture
-def copy(tmp_path: Path) -> Path:
+def copy(tmp_path) -> Path:
     """Calib, and a kernel of planview that uses a constant of a file that uses one of another file of stereo."""
     copy = tmp_path / "copy"
     shutil.copytree(kernels.ROOT / "calib", copy / "calib", ignore=shutil.ignore_patterns("__pycache__"))

@@ -310,7 +310,7 @@ class Quiet(SimpleHTTPRequestHandler):
 
 
 @pytest.fixture(scope="module")
-def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, OpenOptions]]:
+def served(tmp_path_factory) -> Iterator[tuple[str, OpenOptions]]:
     """Address of a folder with a side-by-side video and both of its halves, and how to open them."""
     folder = tmp_path_factory.mktemp("served")
     left, right = textured()[:48, :64], textured(4)[:48, :64]

@@ -77,7 +77,7 @@ GROUND_CAMERA = GroundCamera(640, 480, 500.0, 4.0, math.radians(45), "normal-wid
 
 
 @pytest.fixture
-def people(tmp_path: Path) -> Path:
+def people(tmp_path) -> Path:
     path = tmp_path / "people.json"
     write_samples(standing_people(GROUND_CAMERA, 8, seed=1), path, GROUND_CAMERA.size)
     return path

@@ -116,7 +116,7 @@ polygon_m = [[0, -3], [2, -3], [2, 0], [0, 0]]
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path) -> Path:
     """A run in which person 1 walks from y = 1 to y = -1 in 2 s and stays there for 2 s."""
     rows = [f"{t},{t / 10:.4f},1,1.0,{max(1 - t / 10, -1):.3f},confirmed" for t in range(41)]
     (tmp_path / "tracks.csv").write_text("frame,timestamp_s,id,x_m,y_m,state\n" + "\n".join(rows) + "\n")

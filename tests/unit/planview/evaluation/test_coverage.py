@@ -67,7 +67,7 @@ def test_a_track_that_stays_a_moment_after_its_person_left_counts_as_false():
     assert evaluate_tracks(tracks, truth).clear.false_positives == 20
 
 
-def test_a_truth_of_some_people_is_asked_about_and_the_others_count_as_false():
+def test_a_truth_of_some_people_is_asked_about():
     result = evaluate_tracks(TRACKS, TRACKS.where(TRACKS.track_id == 2))
     assert result.clear.false_positives == 2 * FRAMES
     assert "2 of 3 tracks walk where the truth has nobody" in result.doubts

@@ -68,7 +68,7 @@ PERSON_THERE = [(BLOB, (40.0, 60.0, 200.0), 16.0)]
 
 @pytest.mark.parametrize("colour", [True, False])
 @pytest.mark.parametrize("depth", [True, False])
-def test_after_three_empty_seconds_a_person_is_foreground_and_nothing_else(colour, depth):
+def test_after_three_empty_seconds_only_a_person_is_foreground(colour, depth):
     scene = Scene(colour)
     assert elsewhere(scene.watch(3, depth=depth)) == 0
     mask = scene.watch(0.2, [(BLOB, (20.0, 30.0, 40.0)[: 3 if colour else 1], 16.0)], depth=depth)
@@ -97,17 +97,22 @@ def test_same_colour_farther_from_a_body_than_matches_are_carried_is_foreground(
     assert share(mask, coat) > 0.9
 
 
-def test_same_colour_in_front_or_another_hue_is_foreground_and_single_pixels_are_cleaned_away():
+def test_single_pixels_are_cleaned_away():
     scene = Scene()
     scene.watch(3)
     assert not scene.frame([(np.s_[10:11, 10:11], (0.0, 0.0, 255.0), 16.0)], invalid=0).any()
-    assert share(scene.frame([(BLOB, 1.0, 16.0)], invalid=0)) > 0.9
-    assert share(scene.frame([(BLOB, (200.0, 40.0, 40.0), 10.0)])) > 0.95
+
+
+@pytest.mark.parametrize(("look", "depth"), [(1.0, 16.0), ((200.0, 40.0, 40.0), 10.0)], ids=["in front", "another hue"])
+def test_person_who_differs_in_depth_or_hue_alone_is_foreground(look, depth):
+    scene = Scene()
+    scene.watch(3)
+    assert share(scene.frame([(BLOB, look, depth)], invalid=0)) > 0.9
 
 
 @pytest.mark.parametrize("look", [0.5, 1.6])
 @pytest.mark.parametrize("colour", [True, False])
-def test_shadow_and_light_where_depth_agrees_are_background(look, colour):
+def test_change_of_light_where_depth_agrees_is_background(look, colour):
     scene = Scene(colour)
     scene.watch(3)
     assert share(scene.frame([(BLOB, look, 10.0)], invalid=0)) < 0.05
@@ -162,7 +167,7 @@ def test_somebody_whose_luma_changes_all_the_time_is_absorbed_more_slowly(fidget
     assert share(mask) > 0.9 if fidgets else share(mask) < 0.1
 
 
-def test_moved_chair_becomes_background_within_a_minute_and_its_old_place_within_two_seconds():
+def test_moved_chair_becomes_background_after_its_old_place():
     scene = Scene()
     chair = [(np.s_[6:18, 2:8], (80.0, 60.0, 50.0), 14.0)]
     scene.watch(4, chair)
@@ -269,7 +274,7 @@ DAMAGE = {
 
 @pytest.mark.parametrize("kind", DAMAGE)
 @pytest.mark.parametrize("depth", [True, False])
-def test_frames_that_show_nothing_are_no_foreground_and_teach_nothing(kind, depth):
+def test_frames_that_show_nothing_teach_nothing(kind, depth):
     scene = Scene()
     scene.watch(4, depth=depth)
     scene.watch(1, PERSON_THERE, depth=depth)
@@ -317,7 +322,7 @@ def test_another_view_begins_a_new_background_after_a_while():
 
 @pytest.mark.parametrize("grey_first", [True, False])
 @pytest.mark.parametrize("channels", [1, 3])
-def test_a_camera_that_turns_grey_and_back_shows_no_foreground(grey_first, channels):
+def test_a_camera_that_turns_grey_shows_no_foreground(grey_first, channels):
     scene = Scene()
     colour = scene.wall
     grey = np.repeat(colour.mean(axis=2, keepdims=True), channels, axis=2)
@@ -343,7 +348,7 @@ def smooth_wall() -> np.ndarray:
 @pytest.mark.parametrize(
     "wall", [*map(block_wall, (4, 5, 6, 8, 12)), smooth_wall()], ids=["4 px", "5 px", "6 px", "8 px", "12 px", "smooth"]
 )
-def test_one_camera_that_moves_or_is_covered_shows_nothing_and_keeps_its_background(wall, shifts_px):
+def test_one_camera_keeps_its_background_while_it_shows_nothing(wall, shifts_px):
     views = [wall[:120, :160]] * 40 + [np.roll(wall, shift, 1)[:120, :160] for shift in shifts_px]
     views += [np.zeros((120, 160), np.uint8)] * 10 + [wall[:120, :160]] * 20
     camera, clock = CameraSensor(SingleCameraParams(), (160, 120)), StageClock()

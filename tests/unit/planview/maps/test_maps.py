@@ -42,7 +42,7 @@ def maps_of(depth_m, rows=np.s_[20:28], columns=np.s_[28:36], step=1, **params):
     return ViewBuilder(GEOMETRY, OVERHEAD, exact, step)(disparity[::step, ::step], mask[::step, ::step])
 
 
-def test_a_template_is_the_maps_around_a_place_and_zero_outside_the_grid():
+def test_a_template_is_the_maps_around_a_place():
     maps = maps_of(2.0)
     height, occupancy = maps.around(0.0, 0.0)
     assert height.shape == occupancy.shape == (21, 21)
@@ -51,7 +51,7 @@ def test_a_template_is_the_maps_around_a_place_and_zero_outside_the_grid():
 
 
 @pytest.mark.parametrize(("depth_m", "step"), [(1.0, 1), (2.0, 1), (2.0, 2)])
-def test_table_below_an_overhead_camera_has_its_height_and_its_area_at_any_distance(depth_m, step):
+def test_table_below_an_overhead_camera_has_its_size_at_any_distance(depth_m, step):
     maps = maps_of(depth_m, np.s_[10:30], np.s_[20:40], step)
     assert maps.height_raw.max() == pytest.approx(3.0 - depth_m, abs=1e-5)
     # 20 x 20 pixels, each depth / 50 wide.
@@ -67,9 +67,13 @@ def test_points_for_a_cloud_are_the_points_that_are_tracked(step):
     np.testing.assert_allclose(seen.xyz, cloud[seen.pixels], atol=1e-5)
 
 
-def test_maps_skip_background_and_what_has_no_depth_is_above_h_max_or_on_the_ground():
+def test_maps_skip_the_background():
     assert len(maps_of(2.0, np.s_[:24], np.s_[:]).points.xyz) == 24 * 50
-    assert maps_of(0.4).height_raw.max() == maps_of(2.95).height_raw.max() == 0.0
+
+
+@pytest.mark.parametrize("depth_m", [0.4, 2.95], ids=["above h_max", "on the ground"])
+def test_maps_skip_what_is_too_high_or_too_low(depth_m):
+    assert maps_of(depth_m).height_raw.max() == 0.0
 
 
 def test_height_is_masked_where_occupancy_is_low():
@@ -77,11 +81,14 @@ def test_height_is_masked_where_occupancy_is_low():
     assert lone.height_raw.max() > 0.9 and lone.height.max() == 0.0
 
 
-def test_images_of_another_size_and_halls_too_large_are_refused():
+def test_images_of_another_size_are_refused():
     builder, mask = ViewBuilder(GEOMETRY, OVERHEAD), np.zeros((48, 64), np.uint8)
     for disparity, image in (((47, 64), (48, 64)), ((48, 64), (47, 64, 3))):
-        with pytest.raises(ValueError, match="expected disparity, mask and image"):
+        with pytest.raises(ValueError, match="disparity, mask"):
             builder(np.zeros(disparity, np.float32), mask, np.zeros(image, np.uint8))
+
+
+def test_hall_of_too_many_cells_is_refused():
     with pytest.raises(ValueError, match="at most"):
         Grid.covering(0.0, 0.0, 1000.0, 1000.0, 0.03)
 
@@ -124,10 +131,14 @@ def joined(*sensors: FloorPoints) -> PlanViewMaps:
     return plan_view(sensors, joint_grid([GRID, GRID]), MapParams(smoothing_m=0.0))
 
 
-def test_surface_of_one_sensor_counts_whole_and_heights_are_the_highest_of_all_sensors():
-    alone, far_away, low = side(0.3, -0.1), side(1.9, 1.9), side(0.3, -0.1)
+def test_surface_that_one_sensor_sees_counts_whole():
+    alone, far_away = side(0.3, -0.1), side(1.9, 1.9)
     np.testing.assert_array_equal(joined(alone).points.area, alone.area)
     np.testing.assert_array_equal(joined(alone, far_away).points.area[:400], alone.area)
+
+
+def test_heights_are_the_highest_of_all_sensors():
+    alone, low = side(0.3, -0.1), side(0.3, -0.1)
     low.xyz[:, 2] *= 0.5
     assert joined(low, alone).height_raw.max() == pytest.approx(1.7, abs=1e-6)
 
@@ -162,12 +173,12 @@ FIELDS = (
 
 
 @pytest.fixture(scope="module")
-def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def good(tmp_path_factory) -> Path:
     return write_toy_maps(tmp_path_factory.mktemp("maps") / "maps.h5")
 
 
 @pytest.fixture
-def maps(good: Path, tmp_path: Path) -> Path:
+def maps(good, tmp_path) -> Path:
     return Path(shutil.copy(good, tmp_path / "maps.h5"))
 
 
@@ -196,7 +207,7 @@ def test_a_frame_that_shows_nothing_is_replayed_as_one(maps, tmp_path):
     assert before.views[0].shows and not nothing.views[0].shows
 
 
-def test_writing_stops_before_the_disk_is_full_and_keeps_earlier_frames(maps, tmp_path, monkeypatch):
+def test_writing_stops_before_the_disk_is_full(maps, tmp_path, monkeypatch):
     recording, path = MapsRecording(maps), tmp_path / "less.h5"
     room = iter([200 << 20] * 2 + [10 << 20] * 2)
     monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=next(room)))
@@ -204,7 +215,7 @@ def test_writing_stops_before_the_disk_is_full_and_keeps_earlier_frames(maps, tm
     frame = replace(first, shots=(replace(first.shots[0], background=None),))
     for i in range(2 * BLOCK_FRAMES - 1):
         writer.add(replace(frame, index=i, timestamp_s=i / 15))
-    with pytest.raises(WorkError, match=r"less\.h5: expected at least 64 MB of free disk, found 10"):
+    with pytest.raises(WorkError, match="64 MB of free disk"):
         writer.add(replace(frame, index=2 * BLOCK_FRAMES, timestamp_s=10.0))
     writer.close()
     assert MapsRecording(path).n_frames == BLOCK_FRAMES

@@ -37,7 +37,7 @@ def kinds(result: Refined) -> list[tuple[str, int, int, int]]:
     return [(c.kind, c.track_id, c.first_frame, c.last_frame) for c in result.changes if c.kind != "smooth"]
 
 
-def test_rows_states_and_tracks_that_were_never_confirmed_stay_as_they_are():
+def test_rows_that_need_no_refinement_stay_as_they_are():
     walked = with_state(with_state(walk(range(5, 30)), "tentative", 5, 8), "lost", 15, 19)
     ghost = with_state(walk(range(5, 9), track_id=2, y_m=3.0), "tentative", 5, 8)
     tracks = concatenate([walked.where((walked.frame < 22) | (walked.frame > 24)), ghost])
@@ -47,21 +47,26 @@ def test_rows_states_and_tracks_that_were_never_confirmed_stay_as_they_are():
     np.testing.assert_array_equal(result.tracks.x_m[result.tracks.track_id == 2], ghost.x_m)
 
 
-def test_predictions_within_a_track_lie_on_its_path_and_are_kept_after_the_last_confirmed_row():
+def test_predictions_within_a_track_lie_on_its_path():
     tracks = with_state(walk(range(30)), "lost", 10, 14)
     result = refine(replace(tracks, y_m=np.where(tracks.state == "lost", 0.8, 0.0))).tracks
     np.testing.assert_allclose(result.y_m, 0.0, atol=1e-9)
     np.testing.assert_allclose(result.x_m, 0.1 * np.arange(30), atol=0.02)
+
+
+def test_predictions_after_the_last_confirmed_row_are_kept():
     tracks = with_state(walk(range(30)), "lost", 25, 29)
     result = refine(tracks)
     np.testing.assert_array_equal(result.tracks.x_m[25:], tracks.x_m[25:])
     assert result.tracks.state[25:].tolist() == ["lost"] * 5
 
 
-def test_smoothing_reduces_noise_and_keeps_a_straight_walk():
-    straight = walk(range(100))
-    noisy = replace(straight, y_m=np.random.default_rng(0).normal(0, 0.05, 100))
-    np.testing.assert_allclose(refine(straight).tracks.x_m, straight.x_m, atol=0.02)
+def test_smoothing_keeps_a_straight_walk():
+    np.testing.assert_allclose(refine(walk(range(100))).tracks.x_m, walk(range(100)).x_m, atol=0.02)
+
+
+def test_smoothing_reduces_noise():
+    noisy = replace(walk(range(100)), y_m=np.random.default_rng(0).normal(0, 0.05, 100))
     assert np.std(refine(noisy).tracks.y_m) < 0.6 * np.std(noisy.y_m)
 
 
@@ -71,10 +76,13 @@ def test_nobody_is_smoothed_across_the_end_of_a_track():
     np.testing.assert_allclose(result.y_m, np.repeat([0.0, 9.0], 30), atol=1e-6)
 
 
-def test_fragments_of_one_walk_are_joined_under_the_first_id_and_predictions_end_where_the_next_begins():
+def test_fragments_of_one_walk_are_joined_under_the_first_id():
     result = refine(concatenate([walk(range(30), 4), walk(range(33, 63), 9, y_m=0.2)]))
     assert np.unique(result.tracks.track_id).tolist() == [4] and len(result.tracks) == 60
     assert kinds(result) == [("join", 4, 29, 33)]
+
+
+def test_predictions_of_a_fragment_end_where_the_next_begins():
     first = with_state(walk(range(45), 4), "lost", 30, 44)
     result = refine(concatenate([first, walk(range(33, 63), 9)]))
     assert result.tracks.frame.tolist() == list(range(63))
@@ -103,10 +111,16 @@ def test_each_fragment_is_continued_by_the_one_that_fits_over_the_whole_recordin
     np.testing.assert_allclose(last.y_m[np.argsort(last.track_id)], [0.2, 0.4], atol=0.02)
 
 
-def test_tracks_without_times_stay_without_and_none_stay_none():
-    tracks = walk(range(20))
-    assert np.isnan(refine(replace(tracks, timestamp_s=np.full(20, math.nan))).tracks.timestamp_s).all()
+def test_tracks_without_times_stay_without():
+    tracks = replace(walk(range(20)), timestamp_s=np.full(20, math.nan))
+    assert np.isnan(refine(tracks).tracks.timestamp_s).all()
+
+
+def test_no_tracks_stay_none():
     assert len(refine(walk(range(0))).tracks) == 0
+
+
+def test_tracks_without_places_are_refused():
     with pytest.raises(InputError, match="floor positions"):
         refine(replace(walk(range(5)), x_m=np.full(5, math.nan)))
 
@@ -119,7 +133,7 @@ _pieces = st.lists(
 
 @settings(max_examples=40)
 @given(_pieces)
-def test_refinement_adds_no_row_and_keeps_ids_unique(pieces):
+def test_refinement_keeps_the_table_whole(pieces):
     tables = [
         with_state(walk(range(a, a + n), i, y, v), "tentative", a, a + tentative - 1)
         for i, (a, n, y, v, tentative) in enumerate(pieces, start=1)
@@ -182,14 +196,17 @@ def test_edits_that_do_not_fit_the_tracks_are_refused(edit, found):
         edited(TWO, [edit])
 
 
-def test_rename_keeps_rows_sorted_and_the_hole_of_a_polygon_is_outside():
+def test_rename_keeps_rows_sorted():
     assert edited(TWO, ["rename 1 9"]).track_id[:2].tolist() == [3, 9]
+
+
+def test_hole_of_a_polygon_is_outside():
     region = Region("POLYGON ((0 0, 4 0, 4 4, 0 4, 0 0), (1 1, 3 1, 3 3, 1 3, 1 1))", "test")
     corners = positions_table(np.arange(3), np.ones(3, dtype=np.int64), np.array([[0.5, 0.5], [2.0, 2.0], [5.0, 2.0]]))
     assert region.contains(corners).tolist() == [True, False, False]
 
 
-def test_gaps_are_joined_within_time_and_distance_in_chains_by_the_nearest():
+def test_gaps_are_joined_in_chains_by_the_nearest():
     parts = tracks((1, range(10), 0.0), (2, range(12, 20), 0.1), (3, range(22, 30), 0.2), (4, range(12, 30), 3.0))
     assert frames_of(edited(parts, ["join-gaps 0.5 0.5"])) == {1: (0, 29), 4: (12, 29)}
     assert len(frames_of(edited(parts, ["join-gaps 0.2 0.5"]))) == 4
@@ -198,10 +215,14 @@ def test_gaps_are_joined_within_time_and_distance_in_chains_by_the_nearest():
     assert frames_of(edited(parts, ["join-gaps 1 1"])) == {1: (0, 19), 2: (12, 19)}
 
 
-def test_gaps_are_joined_between_people_and_not_with_a_flicker_that_ended_near_before():
+def test_gaps_are_not_joined_with_a_flicker_that_ended_near_before():
     flicker = with_state(tracks((-7, range(5), 0.0)), "tentative", 0, 4)
     parts = concatenate([flicker, tracks((4, range(7, 20), 0.0), (5, range(22, 30), 0.0))])
     assert frames_of(edited(parts, ["join-gaps 1 1"])) == {-7: (0, 4), 4: (7, 29)}
+
+
+def test_track_that_was_never_confirmed_is_not_joined():
+    parts = tracks((4, range(7, 20), 0.0), (-7, range(22, 30), 0.0))
     with pytest.raises(InputError, match="never confirmed"):
         edited(parts, ["join -7 4"])
 

@@ -14,7 +14,7 @@ FRAMES = 30
 
 
 @pytest.fixture
-def street(tmp_path: Path) -> Path:
+def street(tmp_path) -> Path:
     """A run over 30 grey images of one camera, with a truth in which person 1 is lost for 1.5 s."""
     video, out = tmp_path / "street", tmp_path / "out"
     video.mkdir()

@@ -13,7 +13,7 @@ from planview.trajectories.table import read_tracks, write_table
 
 
 @pytest.fixture
-def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def run(tmp_path, monkeypatch) -> Path:
     """A finished run of two people; its page, which has tests of its own, is not made."""
     monkeypatch.setattr("planview.output.finished.write_report", lambda folder: folder)
     frame = np.repeat(np.arange(20), 2)
@@ -84,7 +84,7 @@ def test_export_and_count_take_regions(run, cli, json_of):
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path) -> Path:
     rows = [f"{t},{t / 10:.4f},1,{0.1 * t:.4f},0,,,1.7,{'tentative' if t < 4 else 'confirmed'},,,," for t in range(30)]
     header = "frame,timestamp_s,id,x_m,y_m,vx_mps,vy_mps,height_m,state,left_px,top_px,width_px,height_px"
     (tmp_path / "tracks.csv").write_text("\n".join([header, *rows]) + "\n")

@@ -39,7 +39,7 @@ TRACKER = "ellipse-particle"
 
 
 @pytest.fixture
-def ellipses(street: Path, tmp_path: Path) -> Path:
+def ellipses(street, tmp_path) -> Path:
     """A run of the ellipse tracker over the street, in which a white block walks."""
     video = tmp_path / "street"
     for n, file in enumerate(sorted(video.glob("*.png"))):

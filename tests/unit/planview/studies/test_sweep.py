@@ -17,7 +17,7 @@ from planview.studies.work import Job, StudyInput, companion_files, do_job
 
 
 @pytest.fixture
-def recording(tmp_path: Path) -> Path:
+def recording(tmp_path) -> Path:
     for side in ("left", "right"):
         (tmp_path / "a" / side).mkdir(parents=True)
         (tmp_path / "a" / side / "0.png").write_bytes(side.encode())

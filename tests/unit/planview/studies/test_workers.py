@@ -12,7 +12,7 @@ from planview.studies.workers import KILLED, on_workers, workers
 
 
 @pytest.fixture(scope="module", params=[1, 2], ids=["one process", "two processes"])
-def client(request: pytest.FixtureRequest) -> Iterator[Client]:
+def client(request) -> Iterator[Client]:
     with workers(request.param) as client:
         yield client
 

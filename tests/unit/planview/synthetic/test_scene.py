@@ -167,7 +167,7 @@ MOUNTS = (
 
 
 @pytest.fixture
-def scene(tmp_path: Path) -> Path:
+def scene(tmp_path) -> Path:
     path = tmp_path / "scene.toml"
     path.write_text(ROOM + PERSON + MOUNTS)
     return path

@@ -191,7 +191,7 @@ def test_overlay_shows_the_people_of_the_frame_shown(solved):
 
 
 @pytest.fixture(scope="module")
-def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def video(tmp_path_factory) -> Path:
     """Six frames of the demo with both views side by side, and its calibration next to them."""
     folder = tmp_path_factory.mktemp("pair")
     sides = [cv2.VideoCapture(str(DEMO / f"{side}.mp4")) for side in ("left", "right")]
