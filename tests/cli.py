@@ -1,9 +1,10 @@
-"""Commands run in this process, and what they print (fixtures ``cli``, ``refused``, ``shown_by`` and ``json_of``)."""
+"""Commands run in this process, and what they print: the types of fixtures."""
 
 from collections.abc import Callable
 from typing import Any
 
 Cli = Callable[..., tuple[int, str]]
+Succeed = Callable[..., str]
 Refused = Callable[..., str]
 ShownBy = Callable[..., str]
 JsonOf = Callable[..., dict[str, Any]]

@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 
 import pytest
-from cli import Cli, JsonOf, Refused, ShownBy, one_sentence
+from cli import Cli, JsonOf, Refused, ShownBy, Succeed, one_sentence
 from hypothesis import settings
 
 # As in planview.cli: threads of small matrices wait for each other, most of all in tests side by side.
@@ -41,6 +41,18 @@ def cli(capsys) -> Cli:
         except SystemExit as left:
             return int(left.code or 0), capsys.readouterr().err
         return 0, capsys.readouterr().err
+
+    return command
+
+
+@pytest.fixture
+def succeed(cli) -> Succeed:
+    """Run a command that must succeed: what it prints on stderr."""
+
+    def command(*argv: object) -> str:
+        status, printed = cli(*argv)
+        assert status == 0, printed
+        return printed
 
     return command
 

@@ -1,7 +1,5 @@
 """A small plan-view recording made without images: a block of points that walks over a floor."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

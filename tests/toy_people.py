@@ -1,7 +1,5 @@
 """People as the body table sees them, in front of an empty floor, as pixels for the joint tracker."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A small exact recording of images with depth: a floor, and a person cut out of card who walks to the right."""
 
-from __future__ import annotations
-
 import json
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A tiny exact stereo world for tests: a textured floor, a wall and upright cards for people, ray by ray."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path

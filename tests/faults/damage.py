@@ -1,7 +1,5 @@
 """Ways to damage a good recording, and what a run must report of each."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import struct

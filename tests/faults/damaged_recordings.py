@@ -1,8 +1,6 @@
 # ruff: noqa: E501
 """Files damaged at random: bags, plan-view maps and the text files of images."""
 
-from __future__ import annotations
-
 import atexit
 import os
 import random

@@ -1,8 +1,6 @@
 """The list: at least sixty ways to damage a recording."""
 # ruff: noqa: E501, I001
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

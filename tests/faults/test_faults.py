@@ -66,25 +66,23 @@ def test_fault(fault, good, tmp_path, cli):
     read_tracks(out / "tracks.csv")
 
 
-def test_good_recording_runs_without_a_warning(good, tmp_path, cli):
-    status, printed = cli("run", good, "--out", tmp_path / "out", "--strict", *FEW)
-    assert status == 0, printed
+def test_good_recording_runs_without_a_warning(good, tmp_path, succeed):
+    succeed("run", good, "--out", tmp_path / "out", "--strict", *FEW)
     info = read_run_info(tmp_path / "out" / "run.json")
     assert info.warnings == [] and info.frames_read == FRAMES
 
 
 @pytest.mark.parametrize("name", ["caf\udce9", "a\x1b]0;owned\x07b", "[red]x[/]", "-x y"], ids=ascii)
-def test_folder_names_of_any_kind_run_and_stay_text(good, tmp_path, cli, name):
+def test_folder_names_of_any_kind_run_and_stay_text(good, tmp_path, succeed, name):
     shutil.copytree(good, tmp_path / name)
-    status, printed = cli("run", tmp_path / name, "--out", tmp_path / f"{name}-out", *FEW)
-    assert status == 0, printed
+    printed = succeed("run", tmp_path / name, "--out", tmp_path / f"{name}-out", *FEW)
     assert "\x1b]" not in printed and "\x07" not in printed
     assert read_run_info(tmp_path / f"{name}-out" / "run.json").finished
 
 
-def test_finished_run_survives_every_refusal(good, tmp_path, cli):
+def test_finished_run_survives_every_refusal(good, tmp_path, cli, succeed):
     out = tmp_path / "out"
-    assert cli("run", good, "--out", out, *FEW)[0] == 0
+    succeed("run", good, "--out", out, *FEW)
     before = {file.name: file.read_bytes() for file in out.iterdir()}
     recording = tmp_path / "recording"
     shutil.copytree(good, recording)

@@ -137,17 +137,15 @@ def test_nothing_is_written_without_a_place_to_write_to_and_how_to_keep_it_is_pr
     assert files(small) == before
 
 
-def test_out_writes_the_floor_and_its_picture_there(cli, small, tmp_path):
+def test_out_writes_the_floor_and_its_picture_there(succeed, small, tmp_path):
     before = files(small)
-    status, printed = cli("calibrate", "floor", small, "--frames", 2, "--out", tmp_path / "new" / "world.toml")
-    assert status == 0, printed
+    succeed("calibrate", "floor", small, "--frames", 2, "--out", tmp_path / "new" / "world.toml")
     assert load_world(tmp_path / "new" / "world.toml").height_m == pytest.approx(HEIGHT_M, abs=0.05)
     assert files(tmp_path / "new") == {"world.toml", "world.png"} and files(small) == before
 
 
-def test_save_gives_the_recording_a_floor_that_runs_take(cli, own):
-    status, printed = cli("calibrate", "floor", own, "--frames", 2, "--save")
-    assert status == 0, printed
+def test_save_gives_the_recording_a_floor_that_runs_take(succeed, own):
+    succeed("calibrate", "floor", own, "--frames", 2, "--save")
     assert set_up(open_recording(own), load_config()).floor_source == "world.toml"
 
 

@@ -28,11 +28,11 @@ def tracks(tmp_path) -> Path:
     return path
 
 
-def test_pedpy_computes_density_and_fundamental_diagram_from_an_export(cli, tracks):
+def test_pedpy_computes_density_and_fundamental_diagram_from_an_export(succeed, tracks):
     import pedpy
 
     out = tracks.with_name("tracks.txt")
-    assert cli("export", tracks, "--to", "pedpy", "--out", out)[0] == 0
+    succeed("export", tracks, "--to", "pedpy", "--out", out)
     trajectory = pedpy.load_trajectory(trajectory_file=out)
     assert trajectory.frame_rate == FPS
     expected = load_file(tracks).table
@@ -50,12 +50,12 @@ def test_pedpy_computes_density_and_fundamental_diagram_from_an_export(cli, trac
     assert crowded.speed.mean() == pytest.approx(SPEED_MPS, abs=0.01)
 
 
-def test_pedpy_reads_trajectory_and_walkable_area_of_archive_and_database(cli, tracks):
+def test_pedpy_reads_trajectory_and_walkable_area_of_archive_and_database(succeed, tracks):
     import pedpy
 
     archive, database = tracks.with_name("t.h5"), tracks.with_name("t.sqlite")
-    assert cli("export", tracks, "--to", "ped-data-archive", "--out", archive, "--area", AREA)[0] == 0
-    assert cli("export", archive, "--to", "jupedsim", "--out", database)[0] == 0
+    succeed("export", tracks, "--to", "ped-data-archive", "--out", archive, "--area", AREA)
+    succeed("export", archive, "--to", "jupedsim", "--out", database)
     areas = [
         pedpy.load_walkable_area_from_ped_data_archive_hdf5(trajectory_file=archive),
         pedpy.load_walkable_area_from_jupedsim_sqlite(trajectory_file=database),
@@ -69,9 +69,9 @@ def test_pedpy_reads_trajectory_and_walkable_area_of_archive_and_database(cli, t
 
 
 @pytest.mark.parametrize("to", ["pedpy", "ped-data-archive", "jupedsim", "motchallenge", "parquet", "jsonl"])
-def test_evaluate_reads_exports_as_tracks_and_as_truth(to, cli, tracks, json_of):
+def test_evaluate_reads_exports_as_tracks_and_as_truth(to, succeed, tracks, json_of):
     out = tracks.with_name("export")
-    assert cli("export", tracks, "--to", to, "--out", out)[0] == 0
+    succeed("export", tracks, "--to", to, "--out", out)
     assert json_of("evaluate", tracks, out)["mota"] == 1.0 and json_of("evaluate", out, out)["idf1"] == 1.0
 
 
@@ -79,11 +79,11 @@ def test_json_lines_go_to_standard_output(tracks, shown_by):
     assert len(shown_by("export", tracks, "--to", "jsonl", "--out", "-").splitlines()) == FRAMES
 
 
-def test_export_does_not_overwrite_unless_asked_and_never_its_input(cli, refused, tracks):
+def test_export_does_not_overwrite_unless_asked_and_never_its_input(succeed, refused, tracks):
     assert "choose another" in refused("export", tracks, "--to", "csv", "--out", tracks, "--overwrite")
-    assert cli("export", tracks, "--to", "csv")[0] == 0
+    succeed("export", tracks, "--to", "csv")
     assert "--overwrite" in refused("export", tracks, "--to", "csv")
-    assert cli("export", tracks, "--to", "csv", "--overwrite")[0] == 0
+    succeed("export", tracks, "--to", "csv", "--overwrite")
 
 
 def test_samples_of_other_programs_have_their_rows_and_rates(shared_data):
@@ -107,10 +107,9 @@ def test_most_points_of_an_empty_room_lie_on_its_floor(recording):
     assert points.shape == np.asarray(cloud.colors).shape and np.median(np.abs(points[:, 2])) < 0.03
 
 
-def test_cloud_of_a_recording_is_a_ply_file(cli, recording, tmp_path):
+def test_cloud_of_a_recording_is_a_ply_file(succeed, recording, tmp_path):
     pytest.importorskip("open3d")
-    status, printed = cli("export", recording, "--cloud", tmp_path / "new" / "scene.ply")
-    assert status == 0, printed
+    succeed("export", recording, "--cloud", tmp_path / "new" / "scene.ply")
     assert (tmp_path / "new" / "scene.ply").read_bytes()[:3] == b"ply"
 
 
@@ -132,16 +131,16 @@ FORMATS = "csv", "jsonl", "pedpy", "ped-data-archive", "jupedsim", "motchallenge
 
 
 @pytest.mark.parametrize("to", FORMATS)
-def test_a_table_without_a_row_is_nobody_in_every_format(to, cli, tmp_path):
+def test_a_table_without_a_row_is_nobody_in_every_format(to, succeed, tmp_path):
     empty = positions_table(np.empty(0, int), np.empty(0, int), np.empty((0, 2)))
     with (tmp_path / "tracks.csv").open("w") as file:
         write_table(file, empty)
-    assert cli("export", tmp_path / "tracks.csv", "--to", to, "--out", tmp_path / "export")[0] == 0
+    succeed("export", tmp_path / "tracks.csv", "--to", to, "--out", tmp_path / "export")
     assert len(load_file(tmp_path / "export").table) == 0
 
 
 @pytest.mark.parametrize("command", ["count", "plot", "density", "evaluate"])
-def test_nobody_is_counted_drawn_and_scored(command, cli, tmp_path):
+def test_nobody_is_counted_drawn_and_scored(command, succeed, tmp_path):
     nobody = tmp_path / "tracks.csv"
     nobody.write_text("frame,id,x_m,y_m,height_m\n")
     rules = tmp_path / "rules.toml"
@@ -152,7 +151,7 @@ def test_nobody_is_counted_drawn_and_scored(command, cli, tmp_path):
         "density": ("plot", nobody, "--what", "density", "--what", "flow"),
         "evaluate": ("evaluate", nobody, nobody),
     }
-    assert cli(*words[command])[0] == 0
+    succeed(*words[command])
 
 
 def test_nobody_in_a_region_is_exported_at_the_rate_of_the_tracks(tracks):

@@ -92,9 +92,8 @@ def test_a_matcher_of_ones_own_is_refused_for_depth(recording):
         open_engine(recording, config=FEW, matcher=lambda left, right: np.zeros(left.shape, np.float32))
 
 
-def test_run_names_the_sensor_and_no_baseline(recording, tmp_path, cli):
-    status, _ = cli("run", recording, "--out", tmp_path / "out", "--frames", EMPTY + 8, "--rrd")
-    assert status == 0
+def test_run_names_the_sensor_and_no_baseline(recording, tmp_path, succeed):
+    succeed("run", recording, "--out", tmp_path / "out", "--frames", EMPTY + 8, "--rrd")
     text = (tmp_path / "out" / "run.json").read_text()
     assert '"depth_sensor": "structured-light"' in text and '"baseline_m": null' in text
     with (tmp_path / "out" / "tracks.csv").open() as file:

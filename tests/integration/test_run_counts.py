@@ -27,7 +27,7 @@ BORDER = '[[tripwire]]\nname = "border"\nfrom_px = [80, 90]\nto_px = [80, 119]\n
 
 
 @pytest.fixture(params=["pair", "sensors", "depth", "maps", "camera", "no calibration", "detections"])
-def words(request, tmp_path, cli) -> list[object]:
+def words(request, tmp_path, succeed) -> list[object]:
     """What is run, and how."""
     kind = request.param
     if kind in ("pair", "sensors"):
@@ -36,7 +36,7 @@ def words(request, tmp_path, cli) -> list[object]:
         return [write_toy_rgbd(tmp_path / "depth"), "--set", "analysis.setup_frames=6"]
     if kind == "maps":
         pair = request.getfixturevalue("recording")
-        assert cli("run", pair, "--out", tmp_path / "first", "--set", FEW, "--maps")[0] == 0
+        succeed("run", pair, "--out", tmp_path / "first", "--set", FEW, "--maps")
         return [tmp_path / "first" / "maps.h5"]
     clip = tmp_path / "clip.avi"
     write_frames(clip, [frame.image for frame in CrossingVideo()])
@@ -50,17 +50,16 @@ def words(request, tmp_path, cli) -> list[object]:
     return [clip, "--detections", tmp_path / "det.txt", "--calibration", tmp_path / "camera.toml"]
 
 
-def test_run_count_and_python_give_the_same_counts(words, tmp_path, cli, json_of):
+def test_run_count_and_python_give_the_same_counts(words, tmp_path, succeed, json_of):
     out, rules = tmp_path / "out", tmp_path / "rules.toml"
-    assert cli("run", words[0], "--out", tmp_path / "look", *words[1:], "--frames", "3")[0] == 0
+    succeed("run", words[0], "--out", tmp_path / "look", *words[1:], "--frames", "3")
     width, height = RunFolder(tmp_path / "look").info.size_px
     rules.write_text(LINE.format(width // 2, height - 1) + PLACE.format(width // 3, height // 3, width - 1, height - 1))
     if not RunFolder(tmp_path / "look").camera:
         rules.write_text(rules.read_text() + BORDER)
     else:  # the pixels of lines show the floor
         rules.write_text(rules.read_text().replace(f"{width // 2}, 0]", f"{width // 2}, {height * 2 // 3}]"))
-    status, printed = cli("run", words[0], "--out", out, *words[1:], "--rules", rules)
-    assert status == 0, printed
+    succeed("run", words[0], "--out", out, *words[1:], "--rules", rules)
     info = read_run_info(out / "run.json")
     live = info.counts
     assert info.size_px == (width, height) and (info.plane == "floor") == (RunFolder(out).camera is not None)

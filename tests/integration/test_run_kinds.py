@@ -43,9 +43,8 @@ def maps(live, tmp_path) -> Path:
     return Path(shutil.copy(live[0] / "maps.h5", tmp_path / "maps.h5"))
 
 
-def test_maps_are_tracked_again_bit_for_bit(cli, live, maps, tmp_path):
-    status, printed = cli("run", maps, "--out", tmp_path / "again")
-    assert status == 0, printed
+def test_maps_are_tracked_again_bit_for_bit(succeed, live, maps, tmp_path):
+    succeed("run", maps, "--out", tmp_path / "again")
     for name in PRODUCTS:
         assert (tmp_path / "again" / name).read_bytes() == (live[0] / name).read_bytes()
     again, before = read_run_info(tmp_path / "again" / "run.json"), read_run_info(live[0] / "run.json")
@@ -66,17 +65,15 @@ def test_maps_built_from_the_recording_are_those_of_the_run(live, engine):
         assert after.tracks == before.tracks
 
 
-def test_another_tracker_follows_the_same_maps(cli, maps, tmp_path):
+def test_another_tracker_follows_the_same_maps(succeed, maps, tmp_path):
     out = tmp_path / "out"
-    status, printed = cli("run", maps, "--out", out, "--tracker", "template", "--set", "seed=3")
-    assert status == 0, printed
+    succeed("run", maps, "--out", out, "--tracker", "template", "--set", "seed=3")
     info = read_run_info(out / "run.json")
     assert (info.tracker, info.config["seed"], info.frames_read) == ("template", 3, FRAMES)
 
 
-def test_the_command_saves_maps_without_any_image(cli, copy, tmp_path):
-    status, printed = run_few(cli, copy, tmp_path / "out", "--maps", "--frames", "12")
-    assert status == 0, printed
+def test_the_command_saves_maps_without_any_image(succeed, copy, tmp_path):
+    run_few(succeed, copy, tmp_path / "out", "--maps", "--frames", "12")
     with h5py.File(tmp_path / "out" / "maps.h5") as file:
         assert set(file["points"]) == {"pixel", "disparity", "appearance"}
         assert len(file["frames/index"]) == 12
@@ -110,9 +107,8 @@ def test_maps_cut_short_and_other_hdf5_files_are_refused(refused, maps, tmp_path
     assert "expected plan-view maps" in refused("run", tmp_path / "other.h5", "--out", tmp_path / "out")
 
 
-def test_a_person_seen_by_two_sensors_is_one_person(cli, sensors, engine, tmp_path):
-    status, printed = run_few(cli, sensors, tmp_path / "out", "--rrd")
-    assert status == 0, printed
+def test_a_person_seen_by_two_sensors_is_one_person(succeed, sensors, engine, tmp_path):
+    run_few(succeed, sensors, tmp_path / "out", "--rrd")
     tracks = read_tracks(tmp_path / "out" / "tracks.csv")
     assert set(tracks.track_id[tracks.state == "confirmed"]) == {1}
     info = read_run_info(tmp_path / "out" / "run.json")
@@ -156,13 +152,13 @@ def test_check_refuses_one_calibration_for_several_sensors(refused, sensors):
     assert "whose sensors have their own" in refused("check", sensors, "--calibration", sensors)
 
 
-def test_run_says_that_a_clock_of_one_sensor_is_wrong(cli, sensors, tmp_path):
+def test_run_says_that_a_clock_of_one_sensor_is_wrong(succeed, sensors, tmp_path):
     entries = load_rigs(sensors / "rigs.toml")
     save_rigs([entries[0], replace(entries[1], start_s=0.7)], sensors / "late.toml")
     late = shutil.copytree(sensors, tmp_path / "late")
     (late / "late.toml").rename(late / "rigs.toml")
-    status, printed = run_few(cli, late, tmp_path / "out")
-    assert status == 0 and "a clock or a pose in rigs.toml is wrong" in " ".join(printed.split())
+    printed = run_few(succeed, late, tmp_path / "out")
+    assert "a clock or a pose in rigs.toml is wrong" in " ".join(printed.split())
 
 
 def test_maps_of_several_sensors_are_not_saved_and_other_commands_ask_for_one_of_them(refused, sensors, tmp_path):
@@ -199,14 +195,14 @@ def box() -> list[float]:
     return [u - 0.15 * height, top, 0.3 * height, height]
 
 
-def test_run_tracks_the_boxes_of_a_file_and_is_evaluated_as_any_run(video, tmp_path, cli, json_of, refused):
+def test_run_tracks_the_boxes_of_a_file_and_is_evaluated_as_any_run(video, tmp_path, succeed, json_of, refused):
     rows = "".join(f"{i},-1,{','.join(map(str, box()))},1\n" for i in range(1, 21))
     (tmp_path / "det.txt").write_text(rows)
     truth = "".join(f"{i},0.0,6.0,1.75,7\n" for i in range(20))
     (tmp_path / "truth.csv").write_text("frame,x_m,y_m,height_m,id\n" + truth)
     out = tmp_path / "out"
     words = ["--detections", tmp_path / "det.txt", "--calibration", tmp_path / "camera.toml", "--out", out]
-    assert cli("run", video, *words)[0] == 0
+    succeed("run", video, *words)
     info = read_run_info(out / "run.json")
     assert (info.tracker, info.people) == ("detections", 1) and "det.txt" in info.notes[-1]
     scored = ["evaluate", out / "tracks.csv", tmp_path / "truth.csv"]
@@ -247,13 +243,10 @@ def out(two, tmp_path_factory) -> Path:
     return folder
 
 
-def test_run_of_two_folders_tracks_what_their_common_folder_gives(two, out, recording, cli, tmp_path):
+def test_run_of_two_folders_tracks_what_their_common_folder_gives(two, out, recording, succeed, tmp_path):
     left, right, rig = two
-    status, printed = cli(
-        "run", left, right, "--calibration", rig, "--fps", 30, "--out", tmp_path / "two", "--set", FEW
-    )
-    assert status == 0, printed
-    assert cli("run", recording, "--fps", 30, "--out", tmp_path / "one", "--set", FEW)[0] == 0
+    succeed("run", left, right, "--calibration", rig, "--fps", 30, "--out", tmp_path / "two", "--set", FEW)
+    succeed("run", recording, "--fps", 30, "--out", tmp_path / "one", "--set", FEW)
     tracks = [(folder / "tracks.csv").read_bytes() for folder in (tmp_path / "two", tmp_path / "one")]
     assert tracks[0] == tracks[1] and tracks[0].count(b"\n") > 10
 

@@ -124,9 +124,9 @@ def test_a_table_that_was_changed_since_the_checkpoint_is_not_resumed_from(engin
     assert [str(one.message).count("changed since") for one in output] == [1, 0]
 
 
-def test_another_recording_or_option_is_not_resumed_with(cli, refused, copy, tmp_path):
+def test_another_recording_or_option_is_not_resumed_with(succeed, refused, copy, tmp_path):
     out = tmp_path / "out"
-    assert cli("run", copy, "--out", out, "--set", FEW, "--frames", "3", "--checkpoint-every", FREQUENT_S)[0] == 0
+    succeed("run", copy, "--out", out, "--set", FEW, "--frames", "3", "--checkpoint-every", FREQUENT_S)
     (out / "run.json").write_text((out / "run.json").read_text().replace('"finished": true', '"finished": false'))
     output = refused("run", copy, "--out", out, "--set", "analysis.setup_frames=5", "--resume")
     assert "holds a run with another configuration (analysis" in output
@@ -247,25 +247,25 @@ def test_another_image_or_calibration_is_another_recording(copy, tmp_path):
 
 
 @pytest.mark.parametrize("left", [["run.json", "run.rrd", "maps.h5.part"], ["run.json.part"]])
-def test_a_run_that_was_killed_before_its_first_checkpoint_starts_again(cli, copy, tmp_path, left):
+def test_a_run_that_was_killed_before_its_first_checkpoint_starts_again(succeed, copy, tmp_path, left):
     out = tmp_path / "out"
-    assert cli("run", copy, "--out", out, "--set", FEW, "--frames", "3")[0] == 0
+    succeed("run", copy, "--out", out, "--set", FEW, "--frames", "3")
     kept = (out / "run.json").read_text().replace('"finished": true', '"finished": false')
     tracks = (out / "tracks.csv").read_bytes()
     for file in out.iterdir():
         file.unlink()
     for name in left:
         (out / name).write_text(kept if name == "run.json" else "half")
-    assert cli("run", copy, "--out", out, "--set", FEW, "--frames", "3", "--resume")[0] == 0
+    succeed("run", copy, "--out", out, "--set", FEW, "--frames", "3", "--resume")
     assert (out / "tracks.csv").read_bytes() == tracks
     assert not (out / "maps.h5.part").exists()
 
 
 @pytest.mark.parametrize("refine", [[], ["--refine"]])
-def test_what_a_kill_after_the_last_frame_left_undone_is_done(cli, copy, tmp_path, refine):
+def test_what_a_kill_after_the_last_frame_left_undone_is_done(succeed, copy, tmp_path, refine):
     out = tmp_path / "out"
     words = ("run", copy, "--out", out, "--set", FEW, *refine)
-    assert cli(*words)[0] == 0
+    succeed(*words)
     whole = {file.name: file.read_bytes() for file in out.iterdir()}
     (out / "report.html").unlink()
     for name in (CHECKPOINT, CHECKPOINT + ".part"):
@@ -273,16 +273,15 @@ def test_what_a_kill_after_the_last_frame_left_undone_is_done(cli, copy, tmp_pat
     if refine:  # between run.json and the tracks
         (out / "tracks.csv").write_bytes((out / "tracks_online.csv").read_bytes())
         (out / "refinement.csv").unlink()
-    status, output = cli(*words, "--resume")
-    assert status == 0 and "nothing is left" not in output
+    assert "nothing is left" not in succeed(*words, "--resume")
     found = {file.name: file.read_bytes() for file in out.iterdir()}
     assert found.keys() == whole.keys() and found["tracks.csv"] == whole["tracks.csv"]
-    assert "nothing is left to resume" in cli(*words, "--resume")[1]
+    assert "nothing is left to resume" in succeed(*words, "--resume")
 
 
-def test_a_finished_run_of_other_settings_is_not_taken_for_the_one_that_is_resumed(cli, refused, copy, tmp_path):
+def test_a_finished_run_of_other_settings_is_not_taken_for_the_one_that_is_resumed(succeed, refused, copy, tmp_path):
     out = tmp_path / "out"
-    assert cli("run", copy, "--out", out, "--set", FEW, "--frames", "3")[0] == 0
+    succeed("run", copy, "--out", out, "--set", FEW, "--frames", "3")
     before = {file.name: file.read_bytes() for file in out.iterdir()}
     assert "another configuration (joint)" in refused(
         "run", copy, "--out", out, "--set", FEW, "--set", "joint.stay_s=0.7", "--resume"
@@ -290,13 +289,13 @@ def test_a_finished_run_of_other_settings_is_not_taken_for_the_one_that_is_resum
     assert {file.name: file.read_bytes() for file in out.iterdir()} == before
 
 
-def test_a_run_that_was_killed_before_it_was_refined_is_refined(cli, copy, tmp_path):
+def test_a_run_that_was_killed_before_it_was_refined_is_refined(succeed, copy, tmp_path):
     out = tmp_path / "out"
-    assert cli("run", copy, "--out", out, "--set", FEW)[0] == 0
-    status, output = cli("run", copy, "--out", out, "--set", FEW, "--resume", "--refine")
-    assert status == 0 and "nothing is left" not in output
+    succeed("run", copy, "--out", out, "--set", FEW)
+    words = ("run", copy, "--out", out, "--set", FEW, "--resume", "--refine")
+    assert "nothing is left" not in succeed(*words)
     assert read_run_info(out / "run.json").refined and (out / "tracks_online.csv").is_file()
-    assert "nothing is left to resume" in cli("run", copy, "--out", out, "--set", FEW, "--resume", "--refine")[1]
+    assert "nothing is left to resume" in succeed(*words)
 
 
 def rows_of(recording: Path) -> dict[tuple[str, int | None], dict[str, object]]:

@@ -69,14 +69,13 @@ Run = Callable[[Callable[[int], U8], int], tuple[RunInfo, str]]
 
 
 @pytest.fixture(params=["human-model", "ellipse-particle"])
-def run(request, cli, tmp_path) -> Run:
+def run(request, succeed, tmp_path) -> Run:
     """Track a clip: run.json, and what is printed."""
 
     def run_on(paint: Callable[[int], U8], n_frames: int) -> tuple[RunInfo, str]:
         clip = write_clip(tmp_path / "clip.avi", paint, n_frames)
         given = ["--camera", camera(tmp_path)] if request.param == "human-model" else []
-        status, printed = cli("run", clip, "--tracker", request.param, "--out", tmp_path / "out", *given)
-        assert status == 0
+        printed = succeed("run", clip, "--tracker", request.param, "--out", tmp_path / "out", *given)
         return read_run_info(tmp_path / "out" / "run.json"), " ".join(printed.split())
 
     return run_on

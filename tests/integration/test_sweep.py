@@ -62,42 +62,42 @@ def made(out: Path) -> dict[Path, int]:
     return {path: path.stat().st_mtime_ns for path in out.glob("*/*/run.json")}
 
 
-def test_study_does_no_run_twice(cli, halls):
+def test_study_does_no_run_twice(succeed, halls):
     text = 'recordings = ["a/maps.h5"]\n[parameters]\njoint.stay_s = [0.35, {}]\n'
     path, out = study(halls, text.format(0.4)), halls / "study"
-    assert cli("sweep", path)[0] == 0
+    succeed("sweep", path)
     first = made(out)
     assert len(first) == 2
-    assert cli("sweep", path)[0] == 0
+    succeed("sweep", path)
     assert made(out) == first
     study(halls, text.format(0.45))
-    assert cli("sweep", path)[0] == 0
+    succeed("sweep", path)
     assert len(made(out)) == 3 and made(out).items() > first.items()
     assert [(r["joint.stay_s"], r["state"]) for r in rows(out)] == [("0.35", "done"), ("0.45", "done")]
 
 
-def test_study_gives_the_tracks_of_a_plain_run(cli, copy, tmp_path):
+def test_study_gives_the_tracks_of_a_plain_run(succeed, copy, tmp_path):
     (tmp_path / "c.toml").write_text("[analysis]\nsetup_frames = 4\n")
-    assert cli("run", copy, "--out", tmp_path / "plain", "--set", FEW)[0] == 0
+    succeed("run", copy, "--out", tmp_path / "plain", "--set", FEW)
     path = study(tmp_path, 'recordings = ["copy"]\nconfig = "c.toml"\n')
-    assert cli("sweep", path)[0] == 0
+    succeed("sweep", path)
     (tracks,) = (tmp_path / "study").glob("jobs/*/tracks.csv")
     assert tracks.read_bytes() == (tmp_path / "plain" / "tracks.csv").read_bytes()
 
 
-def test_recordings_of_one_name_do_not_get_each_others_results(cli, halls):
+def test_recordings_of_one_name_do_not_get_each_others_results(succeed, halls):
     out = halls / "out"
     with (halls / "b" / "maps.h5").open("ab") as file:
         file.write(b"\0")
-    assert cli("sweep", halls / "a" / "maps.h5", "--out", out)[0] == 0
+    succeed("sweep", halls / "a" / "maps.h5", "--out", out)
     folder_of_a = rows(out)[0]["folder"]
-    assert cli("sweep", halls / "b" / "maps.h5", "--out", out)[0] == 0
+    succeed("sweep", halls / "b" / "maps.h5", "--out", out)
     assert rows(out)[0]["folder"] != folder_of_a
 
 
-def test_recordings_of_equal_content_are_scored_against_their_own_truth(cli, halls):
+def test_recordings_of_equal_content_are_scored_against_their_own_truth(succeed, halls):
     (halls / "b" / "truth.csv").write_text(TRUTH.replace(",1,", ",7,").replace("1.75", "1.95"))
-    assert cli("sweep", halls / "a" / "maps.h5", halls / "b" / "maps.h5", "--out", halls / "out")[0] == 0
+    succeed("sweep", halls / "a" / "maps.h5", halls / "b" / "maps.h5", "--out", halls / "out")
     errors = [float(row["height_error_mean_m"]) for row in rows(halls / "out")]
     assert abs(errors[1] - errors[0]) > 0.1
 
@@ -137,8 +137,8 @@ def test_sweep_refuses_wrong_settings_before_it_runs(cli, copy, tmp_path, vary):
     assert not (tmp_path / "sweep").exists()
 
 
-def test_what_killed_processes_left_is_removed(cli, halls):
+def test_what_killed_processes_left_is_removed(succeed, halls):
     left = halls / "out" / "jobs" / ".attempt-4194305-0"
     left.mkdir(parents=True)
-    assert cli("sweep", halls / "a" / "maps.h5", "--out", halls / "out")[0] == 0
+    succeed("sweep", halls / "a" / "maps.h5", "--out", halls / "out")
     assert not left.exists()

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from cli import Cli
+from cli import Succeed
 
 from calib.types import U8
 from planview.engine.engine import Engine
@@ -19,8 +19,8 @@ def write_world(engine: Engine, folder: Path) -> None:
     save_world(engine.stereo.floor, folder / "world.toml")
 
 
-def run_few(cli: Cli, recording: Path, out: Path, *more: object) -> tuple[int, str]:
-    return cli("run", recording, "--out", out, "--set", FEW, *more)
+def run_few(succeed: Succeed, recording: Path, out: Path, *more: object) -> str:
+    return succeed("run", recording, "--out", out, "--set", FEW, *more)
 
 
 def rows_in(file: Path) -> int:

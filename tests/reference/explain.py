@@ -1,7 +1,5 @@
 """Plain numpy twin of the likelihood (``planview/tracking/explain/_likelihood_kernels.py``)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

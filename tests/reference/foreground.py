@@ -3,8 +3,6 @@
 float32 throughout, as the kernels.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What planview's gain kernels compute, in plain numpy."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from planview.foreground import gain as kernels

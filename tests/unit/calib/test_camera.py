@@ -1,7 +1,5 @@
 """Cameras, their poses, the frame of the room, and single cameras in files of other programs."""
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path

@@ -23,27 +23,27 @@ RIG = StereoRig(CAMERA, CAMERA, SE3.from_rotvec([0.0, 0.01, 0.0], [-0.1, 0.0, 0.
 CONVERT = ("calibrate", "convert")
 
 
-def test_convert_writes_the_format_of_the_suffix_and_pairs_into_a_folder(tmp_path, json_of, cli):
+def test_convert_writes_the_format_of_the_suffix_and_pairs_into_a_folder(tmp_path, json_of, succeed):
     write_rig(RIG, tmp_path / "rig.toml")
     assert json_of(*CONVERT, tmp_path / "rig.toml", tmp_path / "chain.yaml")["baseline_m"] == pytest.approx(0.1)
     assert "T_cn_cnm1" in (tmp_path / "chain.yaml").read_text()
-    assert cli(*CONVERT, tmp_path / "rig.toml", tmp_path / "ros", "--to", "ros")[0] == 0
+    succeed(*CONVERT, tmp_path / "rig.toml", tmp_path / "ros", "--to", "ros")
     assert load_rig(tmp_path / "ros").baseline_m == pytest.approx(0.1)
 
 
-def test_convert_corrects_units_and_swapped_cameras_on_request(tmp_path, cli):
+def test_convert_corrects_units_and_swapped_cameras_on_request(tmp_path, cli, succeed):
     moved = SE3(RIG.right_SE3_left.rotation.T, -1000 * RIG.right_SE3_left.translation)
     write_rig(StereoRig(CAMERA, CAMERA, moved, ""), tmp_path / "mm.yml")
     words = (*CONVERT, tmp_path / "mm.yml", tmp_path / "rig.toml")
     assert cli(*words)[0] == cli(*words, "--unit", "mm")[0] == 2
-    assert cli(*words, "--unit", "mm", "--swap", "--size", "320x240")[0] == 0
+    succeed(*words, "--unit", "mm", "--swap", "--size", "320x240")
     rig = load_rig(tmp_path / "rig.toml")
     assert rig.baseline_m == pytest.approx(0.1) and rig.left.size == (320, 240)
 
 
-def test_convert_writes_the_calibration_of_rectified_images_on_request(tmp_path, cli):
+def test_convert_writes_the_calibration_of_rectified_images_on_request(tmp_path, succeed):
     write_rig(RIG, tmp_path / "raw.toml")
-    assert cli(*CONVERT, tmp_path / "raw.toml", tmp_path / "rig.toml", "--rectified")[0] == 0
+    succeed(*CONVERT, tmp_path / "raw.toml", tmp_path / "rig.toml", "--rectified")
     rig = load_rig(tmp_path / "rig.toml")
     assert rig.baseline_m == pytest.approx(RIG.baseline_m)
     assert np.array_equal(rig.right_SE3_left.rotation, np.eye(3)) and not any(rig.left.distortion)

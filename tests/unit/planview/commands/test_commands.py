@@ -63,7 +63,7 @@ def scene(tmp_path):
     return path
 
 
-def test_synth_writes_a_recording_that_our_reader_takes_and_its_calibration_for_opencv(scene, tmp_path, json_of, cli):
+def test_synth_writes_a_recording_that_our_reader_takes(scene, tmp_path, json_of, succeed):
     out = tmp_path / "out"
     printed = json_of("synth", scene, out, "--frames", 3, "--world", "--opencv")
     assert printed == {"frames": 3, "truth_rows": 3, "folder": str(out)}
@@ -77,7 +77,7 @@ def test_synth_writes_a_recording_that_our_reader_takes_and_its_calibration_for_
     outer = cv2.FileStorage(str(out / "extrinsics.yml"), cv2.FILE_STORAGE_READ)
     assert inner.getNode("M1").mat() == pytest.approx(rig.left.matrix)
     assert outer.getNode("T").mat().ravel() == pytest.approx(rig.right_SE3_left.translation)
-    assert cli("synth", scene, tmp_path / "videos", "--video")[0] == 0
+    succeed("synth", scene, tmp_path / "videos", "--video")
     assert len(list(open_recording(tmp_path / "videos"))) == 4
 
 
@@ -165,13 +165,13 @@ def test_count_takes_pixels_of_a_camera(folder, refused, json_of):
     assert "expected tracks with boxes, or with a camera, for rule 'row'" in refused(*words)
 
 
-def test_foreign_tracks_write_nothing_next_to_them(folder, cli):
+def test_foreign_tracks_write_nothing_next_to_them(folder, cli, succeed):
     lab = folder / "lab"
     lab.mkdir()
     (lab / "walk.txt").write_text("".join(f"1 {t} 100 {100 - 10 * t} 170\n" for t in range(21)))
     words = ("count", lab / "walk.txt", "--rules", folder / "rules.toml")
     assert cli(*words)[0] == 0 and [path.name for path in lab.iterdir()] == ["walk.txt"]
-    assert cli(*words, "--out", folder / "new" / "place")[0] == 0
+    succeed(*words, "--out", folder / "new" / "place")
     assert (folder / "new" / "place" / "counts.json").is_file()
 
 
@@ -205,9 +205,9 @@ def test_tracks_without_times_are_refused_without_a_rate(folder, refused):
         assert "neither timestamps nor a frame rate; use --fps" in refused(*words)
 
 
-def test_export_of_tracks_without_times_gives_them_those_of_the_rate(folder, cli):
+def test_export_of_tracks_without_times_gives_them_those_of_the_rate(folder, succeed):
     (folder / "tracks.csv").write_text("frame,id,x_m,y_m\n0,1,0.5,1\n1,1,0.6,1\n")
-    assert cli("export", folder, "--to", "csv", "--fps", 5, "--out", folder / "timed.csv")[0] == 0
+    succeed("export", folder, "--to", "csv", "--fps", 5, "--out", folder / "timed.csv")
     assert read_tracks(folder / "timed.csv").timestamp_s.tolist() == [0.0, 0.2]
 
 
@@ -259,13 +259,13 @@ def test_times_that_images_lack_are_missing_but_the_rest_is_listed(tmp_path, cap
     assert re.search(r"frames +36\n", capsys.readouterr().out)
 
 
-def test_images_without_times_are_refused_where_people_are_followed_and_calibrated_without(tmp_path, refused, cli):
+def test_images_without_times_are_refused_where_people_are_followed_and_calibrated_without(tmp_path, refused, succeed):
     folder = write_toy_rgbd(tmp_path / "rgbd")
     (folder / "timestamps.csv").unlink(missing_ok=True)
     for words in (("run", folder, "--out", tmp_path / "out"), ("check", folder)):
         assert f"{folder}: the frames have no times, and there is no timestamps.csv; use --fps" in refused(*words)
     assert not (tmp_path / "out").exists()
-    assert cli("calibrate", "floor", folder, "--out", tmp_path / "world.toml")[0] == 0
+    succeed("calibrate", "floor", folder, "--out", tmp_path / "world.toml")
 
 
 def street(folder: Path) -> Path:

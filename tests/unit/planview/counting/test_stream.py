@@ -105,9 +105,12 @@ def test_crossing_is_dated_to_the_line(rows, frame, timestamp_s):
     assert event.timestamp_s == pytest.approx(timestamp_s)
 
 
-def test_stay_is_dated_to_the_outline_and_brushing_along_it_enters_nothing():
+def test_stay_is_dated_to_the_outline():
     events = [e for e in feed(analytics(), way(np.linspace(-1, 5, 61), x=2.0)) if e.rule == "room"]
     assert [(e.kind, round(e.timestamp_s, 3)) for e in events] == [("entry", 1.0), ("exit", 5.0)]
+
+
+def test_brushing_along_the_outline_enters_nothing():
     assert [e for e in feed(analytics(), way([-1.0, *[0.1, -0.1] * 20, -1.0], x=3.0)) if e.rule == "room"] == []
 
 
@@ -126,7 +129,7 @@ def totals(rows: Sequence[Row], rules: dict[str, Any], **params: float) -> tuple
     return counts, counts.to_json()["rules"]
 
 
-def test_zone_totals_and_occupancy_over_time_follow_the_stays():
+def test_zone_totals_follow_the_stays():
     rows = [*way(np.linspace(-1, 5, 61), x=2.0), *way(np.full(100, 2.0), track_id=2, x=3.0)]
     _, rules = totals(rows, {"zone": [ZONE]})
     room = rules["room"]
@@ -134,6 +137,9 @@ def test_zone_totals_and_occupancy_over_time_follow_the_stays():
     assert (room["appeared_inside"], room["vanished_inside"]) == (1, 1)
     assert room["mean_occupancy"] == pytest.approx((4.0 + 10.0) / 10.0)
     assert room["mean_dwell_s"] == pytest.approx(7.0)
+
+
+def test_occupancy_over_time_follows_the_stays():
     counts, _ = totals(way(np.linspace(-1, 5, 61), x=2.0), {"zone": [ZONE]})
     np.testing.assert_array_equal(counts.occupancy("room", np.array([0.5, 1.5, 4.9, 5.1])), [0, 1, 1, 0])
 
@@ -155,7 +161,7 @@ def test_tracks_are_a_short_table_in_a_notebook():
 
 
 @pytest.mark.parametrize(("inward", "found"), [("left_to_right", (4, 0)), ("right_to_left", (0, 4)), (None, None)])
-def test_totals_per_interval_add_up_also_in_and_out_where_one_way_is_inward(inward, found):
+def test_totals_per_interval_add_up(inward, found):
     rows = [row for k in range(4) for row in way(DOWN, track_id=k + 1, start=30 * k)]
     counts, rules = totals(rows, {"tripwire": [WIRE | ({"inward": inward} if inward else {})]}, interval_s=5.0)
     door = rules["door"]
@@ -166,7 +172,7 @@ def test_totals_per_interval_add_up_also_in_and_out_where_one_way_is_inward(inwa
         assert tuple(sum(part[way] for part in door["intervals"]) for way in ("in", "out")) == found
 
 
-def test_queue_counts_people_waiting_and_not_people_passing():
+def test_queue_counts_people_who_wait():
     passer = way(np.linspace(-1, 5, 31), x=1.0, track_id=1)
     waiter = way([*np.linspace(-1, 2, 16), *np.full(80, 2.0), *np.linspace(2, 5, 16)], x=3.0, track_id=2)
     queue = {"name": "till", "zone": "room", "min_wait_s": 3.0}
@@ -176,7 +182,7 @@ def test_queue_counts_people_waiting_and_not_people_passing():
     assert till["mean_wait_s"] == pytest.approx(10.0, abs=0.3)
 
 
-def test_lines_in_pixels_use_the_foot_of_the_box_and_its_height_as_a_metre():
+def test_lines_in_pixels_are_crossed_by_the_foot_of_the_box():
     rules = parse_rules({"tripwire": [{"name": "w", "from_px": [0, 100], "to_px": [200, 100]}]}, RulePlane(), "r")
 
     def events(bottoms: Sequence[float]) -> list[str]:
@@ -208,7 +214,7 @@ def room(rows: Sequence[Row], queue_s: float = 5.0) -> dict[str, Any]:
     return rules["room"] | {"waited": rules["till"]["waited"]}
 
 
-def test_a_stay_ends_with_the_track_and_nobody_waits_without_rows():
+def test_a_stay_ends_with_the_track():
     found = room([*way(np.full(40, 2.0)), *way(np.full(40, 2.0), start=600)])
     assert (found["stays"], found["people"], found["waited"]) == (2, 2, 0)
     assert found["max_dwell_s"] == pytest.approx(4.0) and found["mean_occupancy"] == pytest.approx(8.0 / 64.0)
@@ -244,7 +250,7 @@ UP = rows_of(box_px=np.column_stack([0 * STEPS + 300, 350 - 6 * STEPS, 0 * STEPS
 
 
 @pytest.mark.parametrize(("page", "rule", "tracks"), [(METRES, "door", TOWARDS), (PIXELS, "platform edge", UP)])
-def test_rules_of_the_page_count_who_comes_towards_the_camera_and_up_the_image_as_in(tmp_path, page, rule, tracks):
+def test_rules_of_the_page_count_who_comes_in(tmp_path, page, rule, tracks):
     (tmp_path / "rules.toml").write_text(page)
     counted = count_tracks(tracks, load_rules(tmp_path / "rules.toml")).to_json()["rules"][rule]
     assert (counted["in"], counted["out"]) == (1, 0)

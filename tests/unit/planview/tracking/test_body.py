@@ -59,7 +59,7 @@ def test_a_lean_moves_what_is_seen_towards_where_the_person_faces():
     assert abs(ahead[0]) < 0.01 and abs(left[1]) < 0.01
 
 
-def test_from_above_the_head_is_a_head_higher_than_the_shoulders_and_nothing_between():
+def test_from_above_the_head_is_a_head_higher_than_the_shoulders():
     row = TABLE.front[0, DOWN, :, TABLE.front.shape[3] // 2]
     head, shoulder = row[len(row) // 2], row[len(row) // 2 + 5]
     assert head == pytest.approx(TORSO.height_m / 2, abs=0.03)

@@ -1,7 +1,5 @@
 """Boxes tracked in the image alone."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -35,7 +33,7 @@ def test_overlap_is_intersection_over_union():
     np.testing.assert_allclose(overlaps(boxes, others), [[1.0, 50 / 150, 0.0]])
 
 
-def test_a_walker_keeps_one_id_and_has_a_box_but_no_place():
+def test_a_walker_has_a_box_without_a_place():
     states = track([[box(10.0 * i)] for i in range(20)])
     assert set().union(*map(ids, states)) == {1}
     (last,) = states[-1]
@@ -47,14 +45,17 @@ def test_a_person_who_is_being_hidden_keeps_the_id_by_boxes_of_low_score():
     assert all(ids(states) == {1} for states in track(frames))
 
 
-def test_boxes_of_low_score_and_a_box_that_comes_once_are_nobody():
+def test_boxes_of_low_score_are_nobody():
     assert not any(track([[box(5.0 * i, score)] for i, score in enumerate([0.3, 0.35] * 10)]))
+
+
+def test_box_that_comes_once_is_nobody():
     states = track([[box(0.0)], [box(0.0), box(300.0)], [box(0.0)], [box(0.0)]])
     assert [ids(s) for s in states] == [{1}] * 4 and len(states[-1]) == 1
 
 
 @pytest.mark.parametrize(("back", "same"), [(17, True), (25, False)])
-def test_a_person_without_a_box_is_not_reported_and_the_same_again_within_a_second(back, same):
+def test_a_person_without_a_box_is_the_same_again_within_a_second(back, same):
     states = track([[box(5.0 * i)] if i < 10 or i >= back else [] for i in range(30)])
     assert states[12] == () and len(ids(states[29])) == 1 and (ids(states[29]) == ids(states[9])) == same
 

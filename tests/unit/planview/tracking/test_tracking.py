@@ -40,12 +40,15 @@ def test_certain_direction_follows_the_measurement():
     assert (found.x_m, found.y_m) == pytest.approx((1.0, 0.0), abs=1e-6)
 
 
-def test_kalman_learns_a_constant_velocity_and_grows_uncertain_without_measurements():
+def test_kalman_learns_a_constant_velocity():
     state = FloorKalman.at(0.0, 0.0, 0.05)
     for i in range(1, 40):
         state = state.predict(0.1, 0.5).update(0.1 * i, -0.05 * i, 0.05)
     assert (state.vx_mps, state.vy_mps) == pytest.approx((1.0, -0.5), abs=0.02)
     assert state.position_std_m < 0.05
+
+
+def test_kalman_grows_uncertain_without_measurements():
     state = FloorKalman.from_measurement(np.zeros(2), 0.05**2 * np.eye(2), 0.0)
     assert state.predict(0.5, 2.0).position_std_m == pytest.approx(np.hypot(0.05, 2.0 * 0.5**2 / 2))
 
@@ -66,7 +69,7 @@ def test_a_runner_has_the_own_speed_after_half_a_second(speed_mps):
     assert kalman.vx_mps == pytest.approx(speed_mps, rel=0.1) and kalman.vy_mps == pytest.approx(0.0)
 
 
-def test_ids_are_given_in_order_of_confirmation_and_the_log_says_who_was_whom():
+def test_ids_are_given_in_order_of_confirmation():
     life = LifeCycle()
     life.begin(0.0)
     first, second, third = (life.spawn("a head") for _ in range(3))
@@ -77,7 +80,7 @@ def test_ids_are_given_in_order_of_confirmation_and_the_log_says_who_was_whom():
     assert given == [(1, -3, "was -3; tracked"), (2, -1, "was -1; tracked")]
 
 
-def test_whoever_is_recognised_keeps_the_former_id_and_uses_up_none():
+def test_whoever_is_recognised_keeps_the_former_id():
     life = LifeCycle()
     life.begin(0.0)
     left, back, stranger = (life.spawn("a head") for _ in range(3))
@@ -89,7 +92,7 @@ def test_whoever_is_recognised_keeps_the_former_id_and_uses_up_none():
     assert [d.reason for d in life.decisions if d.kind == "reacquired"] == ["was -2; the same clothes"]
 
 
-def test_life_cycle_tells_states_and_reasons():
+def test_life_cycle_gives_the_reason_of_every_state():
     life = LifeCycle()
     life.begin(0.0)
     who = life.spawn("a head")
@@ -120,7 +123,7 @@ def track(frames: list[list[list[float]]]) -> list[tuple[TrackState, ...]]:
     return [tracker.update(Observation(i, i / FPS)) for i in range(len(frames))]
 
 
-def test_boxes_of_a_walker_are_one_person_at_its_place_and_height():
+def test_boxes_of_a_walker_are_one_person_where_it_walks():
     rows = [confirmed(states) for states in track([[box(-1.5 + 0.1 * i, 6.0)] for i in range(30)])]
     assert len(rows[-1]) == 1 and {state.track_id for row in rows for state in row} == {1}
     last = rows[-1][0]
@@ -148,7 +151,7 @@ def test_two_boxes_on_one_person_are_one():
     assert len(track([[[left, *rest], [left + 1.5, *rest]]] * 20)[-1]) == 1
 
 
-def test_a_person_without_boxes_is_lost_and_then_forgotten():
+def test_a_person_without_boxes_is_lost_before_being_forgotten():
     states = track([[box(0.0, 6.0)] for _ in range(20)] + [[] for _ in range(60)])
     assert [s.state for s in states[22]] == ["lost"] and states[-1] == ()
 
@@ -170,7 +173,7 @@ def test_boxes_of_another_shape_are_refused():
         Detections.of([np.zeros((0, 4)), np.zeros((2, 3))])
 
 
-def test_boxes_of_a_detector_are_read_from_motchallenge_and_coco(tmp_path):
+def test_boxes_of_a_detector_are_read_from_every_format(tmp_path):
     (tmp_path / "det.txt").write_text("2,-1,10,20,30,60,0.9,-1,-1,-1\n1,-1,11,21,31,61,0.5\n")
     entries = [
         {"image_id": 2, "category_id": 1, "bbox": [10, 20, 30, 60], "score": 0.9},

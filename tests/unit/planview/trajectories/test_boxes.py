@@ -75,7 +75,7 @@ def test_frames_from_0_are_kept_with_a_note(tmp_path):
 def test_boxes_outside_of_the_image_are_refused():
     boxes = Detections.of([[[1200.0, 800.0, 150.0, 250.0]]])
     assert boxes.within((1920, 1080)) is boxes
-    with pytest.raises(InputError, match="inside images of 400x400, found 1 of 1 outside"):
+    with pytest.raises(InputError, match="400x400"):
         boxes.within((400, 400))
 
 
@@ -103,7 +103,7 @@ def test_results_of_motchallenge_without_metres_have_none(tmp_path, text, rows):
         (["90", "80"], [1, 2]),  # percent
     ],
 )
-def test_results_keep_people_alone_and_name_other_classes(tmp_path, ends, kept):
+def test_results_keep_people_alone(tmp_path, ends, kept):
     path = file_of(tmp_path, *ends)
     file, found = load_file(path), load_detections(path)
     assert file.table.track_id.tolist() == kept and len(found.at(0)) == len(kept)
@@ -111,7 +111,7 @@ def test_results_keep_people_alone_and_name_other_classes(tmp_path, ends, kept):
 
 
 def test_results_without_a_class_of_people_are_refused(tmp_path):
-    with pytest.raises(InputError, match=r"rows of people \(class 1 in column 8\), found class 2, 7"):
+    with pytest.raises(InputError, match="class 2, 7"):
         load_tracks(file_of(tmp_path, "0.9,2,-1", "0.8,7,-1"))
 
 
@@ -122,7 +122,7 @@ def test_classes_of_truth_are_those_that_labels_name(tmp_path):
     assert "class 2 in column 8 is people; class 1 is left out" in load_file(path, truth=True).note
 
 
-def test_rows_with_inf_or_nan_are_left_out_and_counted(tmp_path):
+def test_rows_with_inf_or_nan_are_left_out(tmp_path):
     path = table_file(tmp_path, f"1,1,{BOX},1\n1,2,nan,20,30,60,1\n2,1,10,inf,30,60,1\n")
     assert len(load_tracks(path)) == len(load_detections(path).at(0)) == 1
     assert load_file(path).note == load_detections(path).note == "2 of 3 rows hold inf or NaN and are left out"
@@ -149,14 +149,14 @@ def test_commands_that_read_a_file_print_what_was_left_out_of_it(tmp_path, cli):
         "1;7;10,5;20;30;60;0,5\n",
     ],
 )
-def test_boxes_are_read_with_a_line_of_names_in_any_order_and_with_decimal_commas(tmp_path, text):
+def test_boxes_are_read_from_tables_of_other_programs(tmp_path, text):
     table = load_tracks(table_file(tmp_path, text))
     assert table.frame.tolist() == [0] and table.track_id.tolist() == [7]
     assert table.box_px.tolist() == [[10.5, 20.0, 30.0, 60.0]]
 
 
 def test_boxes_without_ids_are_no_tracks(tmp_path):
-    with pytest.raises(InputError, match="found -1 in all: detections, not tracks"):
+    with pytest.raises(InputError, match="detections, not tracks"):
         load_tracks(table_file(tmp_path, f"1,-1,{BOX},1\n1,-1,{BOX},1\n"))
 
 
@@ -184,5 +184,5 @@ def test_detections_that_end_early_are_doubted():
     assert "end at frame 100 of 300: are they of every 3rd frame?" in found.of_frames(300).note
     assert found.of_frames(260).note == "boxes end at frame 100 of 260"
     assert found.of_frames(105).note == ""
-    with pytest.raises(InputError, match="a video of 99 frames, found frame 100"):
+    with pytest.raises(InputError, match="frame 100"):
         found.of_frames(99)

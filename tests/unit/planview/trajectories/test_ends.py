@@ -56,7 +56,7 @@ def test_boxes_jump_by_their_own_height():
     assert numbers(table) == [0, 1]
 
 
-def test_tracks_are_numbered_by_id_and_then_by_time():
+def test_tracks_are_numbered_by_id_before_time():
     frame = np.array([0, 0, 60, 60])
     ids = np.array([1, 2, 1, 2])
     table = positions_table(frame, ids, np.zeros((4, 2)), timestamp_s=frame / 10)

@@ -12,7 +12,7 @@ from planview.trajectories.formats import (
 )
 
 
-def test_laboratory_rows_become_metres_and_seconds(tmp_path):
+def test_laboratory_rows_become_si_units(tmp_path):
     tracks = load_tracks(table_file(tmp_path, "3 32 100 -50 175\n"))
     assert (tracks.track_id[0], tracks.frame[0], tracks.timestamp_s[0]) == (3, 32, 2.0)
     assert (tracks.x_m[0], tracks.y_m[0], tracks.height_m[0]) == (1.0, -0.5, 1.75)
@@ -41,7 +41,7 @@ def test_petrack_text_in_centimetres_is_read_in_metres(tmp_path):
         "frame;time [ms];agent_id;x;y;x_world_m;y_world_m;z_m\n30;2000;7;640;480;1.5;2.5;1.75\n",
     ],
 )
-def test_columns_are_those_that_a_line_names_in_any_order_and_unit(tmp_path, text):
+def test_columns_are_those_that_a_line_names(tmp_path, text):
     table = load_tracks(table_file(tmp_path, text))
     assert (table.frame[0], table.track_id[0], table.timestamp_s[0]) == (30, 7, 2.0)
     assert (table.x_m[0], table.y_m[0], table.height_m[0]) == pytest.approx((1.5, 2.5, 1.75))
@@ -54,7 +54,7 @@ def test_height_without_a_unit_has_that_of_x(tmp_path):
 
 @pytest.mark.parametrize("text", ["# id frame x y\n7 30 1.5 2.5\n", "frame,id,x,y\n30,7,1.5,2.5\n"])
 def test_positions_without_a_unit_are_refused(tmp_path, text):
-    with pytest.raises(InputError, match=r"expected the unit of x and y in their names or a comment \(x/m or x/cm\)"):
+    with pytest.raises(InputError, match="x/cm"):
         load_tracks(table_file(tmp_path, text))
 
 
@@ -66,7 +66,7 @@ def test_positions_without_a_unit_are_refused(tmp_path, text):
         (1.0, True, "taken as frame id x y, metres"),
     ],
 )
-def test_rows_without_names_are_taken_as_paths_that_are_smooth_and_say_so(tmp_path, unit, exchanged, taken):
+def test_rows_without_names_are_taken_as_paths_that_are_smooth(tmp_path, unit, exchanged, taken):
     rows = [(person, frame, 3.0 * person + 0.1 * frame, 2.0) for person in (1, 2) for frame in range(8)]
     lines = [f"{a} {b} {x / unit:.1f} {y / unit:.1f}\n" for a, b, x, y in rows]
     lines = [" ".join([b, a, *more]) + "\n" for a, b, *more in map(str.split, lines)] if exchanged else lines
@@ -103,7 +103,7 @@ def test_tables_of_spreadsheets_are_read_with_all_they_hold(tmp_path, between, n
     assert [column.tolist() for column in row] == [[3], [7], [1.5], [2.5], [1.75], [0.5]]
 
 
-def test_heights_and_visibility_of_a_table_with_times_for_frames_are_kept(tmp_path):
+def test_columns_of_a_table_with_times_for_frames_are_kept(tmp_path):
     table = load_file(table_file(tmp_path, "id,t_s,x,y,z,visible\n1,0,0,0,1.7,1\n1,.1,1,0,1.7,0.5\n")).table
     assert (table.height_m.tolist(), table.visible.tolist()) == ([1.7, 1.7], [1.0, 0.5])
 

@@ -70,7 +70,7 @@ def test_collected_tracks_are_those_of_a_round_trip_through_the_file(tmp_path):
     assert (read.x_m[0], read.y_m[0]) == (1.0001, 2.0) and np.isnan(read.height_m[0]) and np.isnan(read.box_px[0]).all()
 
 
-def test_jupedsim_is_given_where_a_person_surely_faces_and_else_where_it_walks(tmp_path):
+def test_jupedsim_is_given_where_a_person_faces_or_else_walks(tmp_path):
     columns = {"frame": [0, 1], "id": [1, 1], "x_m": [0, 1], "y_m": [0, 0], "vx_mps": [2, 2], "vy_mps": [0, 0]}
     table = table_of(columns | {"facing_deg": [90.0, 90.0], "facing_confidence": [0.9, 0.8]}, "here")
     FORMATS["jupedsim"].write(tmp_path / "tracks.sqlite", TrajectoryFile(table, 10.0, ""))
@@ -110,7 +110,7 @@ def test_frame_period_is_the_median_over_gaps_the_mean_of_repeated_times_or_the_
     assert frame_period_s(timed([0, 1, 2, 3], [0.0, 0.0, 0.0, 0.3]), 1 / 30) == pytest.approx(0.1)
 
 
-def test_exponents_blanks_quoted_cells_carriage_returns_and_a_byte_order_mark_are_read(tmp_path):
+def test_csv_of_any_style_is_read(tmp_path):
     path = table_file(
         tmp_path, "frame,id,x_m,y_m,height_m\n0,1,1e3,2,\n0,2, 1.5 ,2,\n1,1,0.12345678901234567,2,\n1,2,,2,\n"
     )
@@ -150,7 +150,7 @@ def two_walkers(frames: int = 4, fps: float = 15.0) -> Trajectories:
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_every_format_is_recognised_by_its_content_and_keeps_positions_and_where_it_can_rate_and_area(name, tmp_path):
+def test_every_format_is_recognised_by_its_content(name, tmp_path):
     table, path = two_walkers(100), tmp_path / "anything"
     write_file(path, prepare_export(TrajectoryFile(table), name, area=AREA), name)
     again = load_file(path)
@@ -175,7 +175,7 @@ def test_formats_with_states_keep_every_column(name, tmp_path):
         np.testing.assert_array_equal(getattr(again, column), getattr(table, column))
 
 
-def test_formats_without_states_hold_confirmed_rows_and_on_request_predicted_ones():
+def test_formats_without_states_hold_predicted_rows_on_request():
     table = two_walkers()
     table.state[:3] = ["tentative", "lost", "lost"]
     assert len(prepare_export(TrajectoryFile(table), "pedpy").table) == 5
@@ -197,14 +197,14 @@ def timed_tracks(times_s: Sequence[float]) -> Trajectories:
 def test_times_of_a_table_that_begin_again_run_on(tmp_path):
     with (tmp_path / "tracks.csv").open("w") as file:
         write_table(file, timed_tracks([0.0, 0.1, 0.2, 0.0, 0.1]))
-    with pytest.warns(UserWarning, match="times begin again at frame 3"):
+    with pytest.warns(UserWarning, match="frame 3"):
         found = load_tracks(tmp_path / "tracks.csv")
     assert found.timestamp_s == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
 
 
 def test_format_without_times_says_how_far_off_they_are():
     uneven = TrajectoryFile(timed_tracks([0.0, 0.1, 0.2, 0.3, 1.0, 1.1]))
-    with pytest.warns(UserWarning, match=r"jupedsim holds no times but a rate: .* up to 0.6 s off"):
+    with pytest.warns(UserWarning, match=r"0\.6 s"):
         prepare_export(uneven, "jupedsim")
 
 
@@ -278,7 +278,7 @@ def test_a_polygon_too_long_for_a_file_name_is_a_region():
     assert region_of(f"POLYGON (({', '.join(corners)}))", "region=").wkt.startswith("POLYGON ((0.000 0.000")
 
 
-def test_rate_and_image_size_of_a_sequence_are_those_of_its_seqinfo(tmp_path):
+def test_seqinfo_describes_its_sequence(tmp_path):
     (tmp_path / "gt").mkdir()
     (tmp_path / "seqinfo.ini").write_text("[Sequence]\nframeRate=10\nimWidth=640\nimHeight=480\n")
     truth = tmp_path / "gt/gt.txt"
@@ -309,11 +309,11 @@ def test_people_of_impossible_size_speed_or_number_are_doubted(table, odd):
 
 def test_doubts_are_said_when_a_table_is_read(tmp_path):
     write_file(tmp_path / "x.txt", TrajectoryFile(walking(100.0), 15.0), "pedpy")
-    with pytest.warns(UserWarning, match=r"x.txt: 2 of 2 people would be 170 m tall"):
+    with pytest.warns(UserWarning, match="170 m tall"):
         load_tracks(tmp_path / "x.txt")
 
 
-def test_positions_that_flicker_and_a_jump_are_no_doubt():
+def test_positions_that_flicker_or_jump_are_no_doubt():
     table = walking()
     table.x_m[::3] += 0.3  # 9 m/s from frame to frame
     table.x_m[table.frame > 30] += 20.0
@@ -363,7 +363,7 @@ def test_text_is_written_as_its_format_asks(tmp_path):
     assert (tmp_path / "x.txt").read_text().startswith("1,1,100.0,50.0,40.0,120.0,1,-0.5000,1.0000,0.0000\n")
 
 
-def test_motchallenge_has_the_confidence_and_1_where_it_is_unknown(tmp_path):
+def test_motchallenge_has_a_confidence_of_1_where_it_is_unknown(tmp_path):
     table = two_walkers()
     table.confidence[0] = 0.75
     FORMATS["motchallenge"].write(tmp_path / "x.txt", TrajectoryFile(table))
@@ -397,7 +397,7 @@ def walkers_at(*places: tuple[float, float]) -> Trajectories:
         ("POLYGON ((0 0, 90 0, 90 90, 0 90, 0 0))", ""),
     ],
 )
-def test_a_region_doubts_nobody_inside_and_a_floor_that_is_a_speck_of_it(wkt, words):
+def test_a_region_doubts_tracks_that_do_not_fit_it(wkt, words):
     doubt = Region(wkt, "region=").doubt(walkers_at((1.0, 1.0), (2.0, 2.0)))
     assert words in doubt and bool(words) == bool(doubt)
 

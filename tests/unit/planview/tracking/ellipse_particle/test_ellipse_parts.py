@@ -52,7 +52,7 @@ def test_fit_explains_a_merged_region_by_two_ellipses():
     np.testing.assert_allclose(np.sort(found[:, 0]), [40, 46], atol=1.5)
 
 
-def test_fit_ignores_specks_suitcases_and_empty_masks():
+def test_fit_ignores_what_is_no_person():
     for mask in (np.zeros(FIT_SHAPE, np.float32), mask_of((40.0, 35, 3, 2, 0.0)), mask_of((40.0, 43, 5, 3, 0.0))):
         assert len(fit_ellipses(mask, FIT_SIZE)) == 0
 
@@ -92,13 +92,13 @@ def filter_at(*places: tuple[float, float], speed: float = 1.0) -> ParticleFilte
     return particles
 
 
-def test_new_object_is_where_it_was_measured_and_may_walk_anywhere():
+def test_new_object_may_walk_anywhere_from_where_it_was_measured():
     (state,) = filter_at((30.0, 25.0)).particles.mean(axis=0)
     assert state[[X, Y]] == pytest.approx([30, 25], abs=0.1)
     assert filter_at((30.0, 25.0)).particles[..., VX].std() == pytest.approx(PER_M, rel=0.1)
 
 
-def test_prediction_moves_with_the_velocity_and_spreads_with_the_acceleration():
+def test_prediction_spreads_with_the_acceleration():
     particles = filter_at((30.0, 25.0), speed=1e-6)
     particles.particles[..., VX] = 10.0
     particles.predict(0.5, SIZE, np.array([PER_M]))
@@ -107,7 +107,7 @@ def test_prediction_moves_with_the_velocity_and_spreads_with_the_acceleration():
     assert particles.particles[..., X].std() == pytest.approx(math.hypot(0.25 * PER_M, 0.03 * PER_M, 0.4), rel=0.1)
 
 
-def test_size_and_angle_return_to_what_is_expected():
+def test_size_returns_to_what_is_expected():
     particles = filter_at((30.0, 25.0))
     particles.particles[..., LN_A : ANGLE + 1] = 0.3
     particles.predict(1.0, SIZE, np.array([PER_M]))
@@ -198,7 +198,7 @@ def walkers(angles_deg: np.ndarray, half: float) -> Size:
     return learned(frames, (120, 160))[0]
 
 
-def test_large_people_who_lie_in_all_directions_are_seen_from_above_and_of_one_size():
+def test_large_people_who_lie_in_all_directions_are_seen_from_above():
     size = walkers(np.arange(0.0, 180.0, 22.5), 30.0)
     assert not size.upright and (size.slope, size.aspect) == (0.0, pytest.approx(0.5, rel=0.2))
     assert size.level == pytest.approx(30, rel=0.2)

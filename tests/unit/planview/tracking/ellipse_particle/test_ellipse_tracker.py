@@ -49,7 +49,7 @@ def near(states: tuple[TrackState, ...], x: float) -> TrackState:
     return min(states, key=lambda s: abs(s.box_px[0] + s.box_px[2] / 2 - x))
 
 
-def test_walker_is_confirmed_and_followed_with_one_id():
+def test_walker_is_followed_with_one_id():
     out = follow(EllipseParticleTracker(GIVEN), [foreground((20 + 2 * i, 60)) for i in range(40)])
     assert [s.state for s in out[-1]] == ["confirmed"]
     assert {s.track_id for states in out for s in states} == {-1, 1}
@@ -96,7 +96,7 @@ def test_tracks_are_those_of_the_seed():
     assert first == again and first != other
 
 
-def test_camera_gives_floor_positions_and_heights():
+def test_camera_gives_places_on_the_floor():
     camera = GroundCamera(640, 480, 600.0, 3.0, math.radians(70))
     foot, head = camera.project([0.5, 6.0, 0.0]), camera.project([0.5, 6.0, 1.8])
     centre, half = (foot + head) / 2, float(foot[1] - head[1]) / 2
@@ -108,7 +108,7 @@ def test_camera_gives_floor_positions_and_heights():
 
 
 @pytest.mark.parametrize(("frames", "stops_at"), [(60, 200.0), (150, 80.0)], ids=["who walks", "who stops"])
-def test_walker_is_found_in_images_and_not_absorbed_by_the_background(frames, stops_at):
+def test_walker_is_not_absorbed_by_the_background(frames, stops_at):
     scene = np.random.default_rng(0).integers(60, 160, (*SHAPE, 3), dtype=np.uint8)
     tracker = EllipseParticleTracker(GIVEN)
     source = CameraSensor(SingleCameraParams(), SHAPE[::-1], tracker)
@@ -123,7 +123,7 @@ def test_walker_is_found_in_images_and_not_absorbed_by_the_background(frames, st
     assert states[0].box_px[0] + 6 == pytest.approx(min(117.5, stops_at), abs=4)
 
 
-def test_debug_shows_measurements_objects_and_particles():
+def test_debug_shows_what_was_measured():
     tracker = EllipseParticleTracker(GIVEN)
     assert tracker.debug().drawings == ()
     follow(tracker, [foreground((80, 60))] * 5)
@@ -133,7 +133,7 @@ def test_debug_shows_measurements_objects_and_particles():
     assert all(a.plane == b.plane for a, b in pairwise(drawings.values()))
 
 
-def test_flooded_frames_measure_nothing_and_people_are_found_again():
+def test_people_are_found_again_after_flooded_frames():
     people = [foreground((20 + 2 * i, 60)) for i in range(40)]
     people[20:24] = [np.full(SHAPE, 255, dtype=np.uint8)] * 4
     out = follow(EllipseParticleTracker(GIVEN), people)
@@ -172,7 +172,7 @@ def test_piece_of_an_older_object_is_not_confirmed_beside_it():
     assert sum(s.state == "confirmed" for s in states) == 1
 
 
-def test_who_is_hidden_behind_another_is_predicted_and_found_again():
+def test_who_is_hidden_behind_another_is_found_again():
     masks = [foreground((20 + 2 * i, 60), (100, 62)) for i in range(60)]
     out = follow(EllipseParticleTracker(GIVEN), masks)
     assert len({s.track_id for states in out for s in states if s.state == "confirmed"}) == 2
@@ -191,7 +191,7 @@ def test_measurements_that_no_object_covers_are_new():
 
 
 @pytest.mark.parametrize("first", [False, True], ids=["while tracking", "beforehand"])
-def test_size_is_learned_and_told_as_that_of_whatever_moves(first):
+def test_size_is_learned_from_whatever_moves(first):
     tracker = EllipseParticleTracker(EllipseParticleParams(filter=ParticleFilterParams(particles=50)))
     assert tracker.notes == ()
     masks = [foreground((20 + 2 * i, 60)) for i in range(30)]
@@ -231,7 +231,7 @@ def test_feedback_is_where_confirmed_people_are():
     st.floats(0.001, 3),
     st.booleans(),
 )
-def test_random_masks_and_times_give_finite_states(masks, dt, learn):
+def test_random_masks_give_finite_states(masks, dt, learn):
     size = {} if learn else {"person_height_px": 10}
     sizes = EllipseSizeParams.model_validate(size)
     tracker = EllipseParticleTracker(EllipseParticleParams(size=sizes, filter=ParticleFilterParams(particles=20)))

@@ -23,7 +23,7 @@ def walked() -> FacingDistribution:
     return belief
 
 
-def test_a_silhouette_shows_an_axis_and_not_which_end_is_ahead():
+def test_a_silhouette_shows_an_axis_without_its_end():
     belief = standing(FacingDistribution.uniform(), 10)
     assert belief.axis_var < 0.3 and belief.best[1] == pytest.approx(0.5)
     assert FacingDistribution.uniform().axis_var > 1.0
@@ -34,7 +34,7 @@ def test_walking_shows_which_end_is_ahead():
     assert facing == pytest.approx(0.0, abs=1e-6) and confidence > 0.95
 
 
-def test_front_and_back_are_less_sure_the_longer_somebody_is_not_seen():
+def test_facing_is_less_sure_the_longer_somebody_is_not_seen():
     sure = [walked().predict(seconds, 1.0).best[1] for seconds in (0.0, 0.3, 0.6, 10.0)]
     assert sure == sorted(sure, reverse=True) and sure[-1] == pytest.approx(0.5, abs=1e-3)
 

@@ -82,15 +82,18 @@ def test_person_who_was_hidden_for_long_has_the_same_id_again():
     assert [s.state for s in states[-1]] == ["confirmed"]
 
 
-def test_foreground_that_appears_and_stays_is_no_person_nor_is_none():
+def test_foreground_that_stays_where_it_appears_is_no_person():
     tracker, states, _ = run(lambda t: [(0.0, 6.0, RED)] if t >= 0.5 else [], 5.0)
     assert not any(confirmed(frame) for frame in states)
     assert (tracker.feedback() == BACKGROUND).any()
+
+
+def test_nobody_is_found_without_foreground():
     _, states, kinds = run(lambda t: [], 1.0)
     assert not any(states) and not kinds
 
 
-def test_chair_that_was_pushed_and_stays_still_is_a_thing():
+def test_chair_that_stays_where_it_was_pushed_is_a_thing():
     _, states, _ = run(lambda t: [(min(0.0, -1.2 + 1.2 * t), 6.0, RED)], 30.0)
     assert confirmed(states[40]) and not confirmed(states[-1])
 
@@ -105,14 +108,14 @@ def test_person_who_leaves_the_view_is_removed():
     assert not states[-1] and kinds[-1] == "pruned"
 
 
-def test_states_appear_in_decisions_and_drawings():
+def test_states_appear_where_they_are_explained():
     tracker, _, kinds = run(lambda t: [(min(0.0, -2.5 + 1.2 * t), 6.0, RED)], 4.0)
     models, _ = tracker.debug().drawings
     assert "state" in kinds and "stationary" in models.labels[0]
 
 
 @pytest.mark.parametrize(("seconds", "label"), [(1.0, PERSON), (2.0, WALKER)])
-def test_feedback_protects_tracked_people_and_tells_who_has_walked(seconds, label):
+def test_feedback_labels_a_person_by_the_way_walked(seconds, label):
     tracker, _, _ = run(_walker, seconds)
     u, v = CAMERA.project((-2.5 + 1.2 * (seconds - 0.1), 6.0, 0.9))
     assert tracker.feedback()[round(float(v)), round(float(u))] == label
@@ -133,14 +136,19 @@ def test_reset_gives_the_same_tracks_again():
     assert again == states
 
 
-def test_images_of_another_size_missing_foreground_and_the_map_of_another_camera_are_refused():
-    tracker = HumanModelTracker(PARAMS, CAMERA, MAP)
+def test_images_of_another_size_are_refused():
     small, mask = np.zeros((60, 80), np.uint8), np.zeros((120, 160), np.uint8)
     for view in (View.of_mask(small, small), View.of_mask(mask, mask, small)):
-        with pytest.raises(InputError, match=r"expected images of 160x120 px.*found 80x60"):
-            tracker.update(Observation(0, 0.0, (view,)))
-    with pytest.raises(ValueError, match="foreground and motion"):
-        tracker.update(Observation(0, 0.0))
+        with pytest.raises(InputError, match="80x60"):
+            HumanModelTracker(PARAMS, CAMERA, MAP).update(Observation(0, 0.0, (view,)))
+
+
+def test_observation_without_foreground_is_refused():
+    with pytest.raises(ValueError, match="foreground"):
+        HumanModelTracker(PARAMS, CAMERA, MAP).update(Observation(0, 0.0))
+
+
+def test_map_of_another_camera_is_refused():
     with pytest.raises(InputError, match="human model map"):
         HumanModelTracker(PARAMS, replace(CAMERA, height_m=5.0), MAP)
 
@@ -201,7 +209,7 @@ def test_evidence_is_the_difference_of_two_plain_likelihoods(pose, others):
 
 
 @pytest.mark.parametrize("lens", ["pinhole", "fisheye"])
-def test_boxes_hold_what_the_camera_projects_of_bodies_and_their_reach(lens):
+def test_boxes_hold_what_the_camera_projects_of_bodies(lens):
     camera = replace(CAMERA, lens=lens, roll_rad=0.05)
     poses = np.array([(0.0, 6.0, 1.76), (-2.0, 3.0, 1.5), (1.0, 0.5, 1.9)])
     corners = np.array([(dx, dy, z) for dx in (-0.4, 0.4) for dy in (-0.4, 0.4) for z in (0.0, 1.0)])
@@ -215,11 +223,14 @@ def test_boxes_hold_what_the_camera_projects_of_bodies_and_their_reach(lens):
     assert all(box[0] < 0 and box[2] >= camera.width for box in found[~seen].tolist())
 
 
-def test_person_is_likelier_where_it_stands_than_beside_and_unlikely_where_nothing_is_foreground():
+def test_person_is_likelier_where_it_stands_than_next_to_it():
     frame = frame_of((0.0, 6.0, RED))
     here = evidence(frame, (0.0, 6.0, 1.76))
     assert here > 20.0
     assert all(evidence(frame, (x, y, 1.76)) < here for x, y in ((0.3, 6.0), (-0.3, 6.0), (0.0, 7.0), (0.0, 5.2)))
+
+
+def test_person_is_unlikely_where_nothing_is_foreground():
     assert evidence(frame_of(), (0.0, 6.0, 1.76)) < -10.0
 
 
@@ -229,7 +240,7 @@ def test_evidence_of_many_samples_of_one_weight_is_a_number():
     assert 300.0 < evidence(frame, (0.0, 6.0, 1.76)) < 600.0
 
 
-def test_ascent_finds_the_person_from_a_walkers_error_of_prediction_and_knows_it_better_across_the_ray():
+def test_ascent_finds_the_person_from_a_walkers_error_of_prediction():
     frame, start = frame_of((0.0, 6.0, RED)), upright_pose((0.2, 6.3, 1.7))
     samples, pose = frame.samples_around(start, 0.5), start.copy()
     samples.lay_others(people_at((0.2, 6.3, 1.7)), NOBODY)
@@ -239,9 +250,12 @@ def test_ascent_finds_the_person_from_a_walkers_error_of_prediction_and_knows_it
     assert 0.0 < noise[0, 0] < noise[1, 1]
 
 
-def test_two_side_by_side_explain_two_better_than_one_does_and_a_second_in_the_outline_of_one_does_not():
+def test_two_side_by_side_are_explained_better_by_two():
     frame = frame_of((-0.35, 6.0, RED), (0.35, 6.0, BLUE))
     assert frame.weigh_pair(0, 1, people_at((-0.35, 6.0, 1.76), (0.35, 6.0, 1.76)))[0] > 8.0
+
+
+def test_second_person_in_the_outline_of_one_explains_nothing():
     frame = frame_of((0.0, 6.0, RED))
     assert frame.weigh_pair(0, 1, people_at((0.0, 6.4, 1.7), (0.0, 5.9, 1.76)))[0] < 0.0
 
@@ -256,7 +270,7 @@ def test_owners_are_the_people_in_whose_outline_pixels_are():
     assert frame.residual(owned)[row, columns[1]] > 1.0
 
 
-def test_one_is_born_at_a_place_whose_hull_gains_enough_and_none_is_ruled_out_before():
+def test_one_is_born_at_a_place_whose_hull_gains_enough():
     frame, places = frame_of((-1.0, 6.0, RED), (1.0, 6.0, BLUE)), FloorPlaces(MAP, PARAMS.birth_visible, PARAMS.patch_m)
     known = people_at((-1.0, 6.0, 1.76))
     (owned,) = frame.assign_pixels(known)
@@ -273,7 +287,7 @@ def test_one_is_born_at_a_place_whose_hull_gains_enough_and_none_is_ruled_out_be
     assert poses.tolist() == [[-1.0, 6.0, 1.76, 0.0, 0.0]]
 
 
-def test_silhouette_is_widest_at_the_arms_and_round_from_above():
+def test_silhouette_is_widest_at_the_arms():
     table = silhouette()
     level, above = table.cover[0, 6], table.cover[0, 24]
     wide = level.sum(axis=0)
@@ -293,7 +307,7 @@ def test_match_is_equation_1():
     assert match_hulls([None], surface) == [ModelMatch()]
 
 
-def test_one_more_person_gains_on_foreground_and_loses_on_background():
+def test_one_more_person_gains_on_foreground_alone():
     frame = frame_of((0.0, 6.0, RED))
     shown, empty = (frame.owners(0, people_at(), np.flatnonzero(frame.kind == kind)) for kind in (1, 0))
     p = frame.likelihood.model[0]

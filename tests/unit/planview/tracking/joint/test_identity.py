@@ -65,7 +65,7 @@ def test_one_tall_frame_does_not_make_a_person_of_a_low_thing():
     assert claims[1] > JointTracker().params.report > claims[2]
 
 
-def test_who_walks_out_is_expected_ahead_or_back_in_the_door_and_not_behind():
+def test_who_walks_out_is_expected_ahead_or_back_in_the_door():
     # After 0.7 s a walker has gone on for 0.7 s (1 - 1/e), at 1 m/s 0.44 m.
     walker = newcomer(1, 0.0, 0.0, 3.0)
     walker.last_seen = Sighting(0.0, FloorKalman(np.array([0.0, 3.0, 1.0, 0.0]), np.eye(4)))
@@ -99,7 +99,7 @@ def test_a_newcomer_who_may_be_somebody_known_has_no_id_before_the_clothes_have_
     assert found.confirmed and found.track_id == 1
 
 
-def test_of_whom_the_head_is_out_of_view_is_nobodys_height_and_no_stranger():
+def test_somebody_whose_head_is_out_of_view_is_no_stranger():
     gone, legs = newcomer(1, -0.5, 0.0, 8.0), newcomer(2, 0.0, 1.0, 8.0)
     gone.identity.stature.mean_m, legs.height_m = 1.9, 0.8
     see(legs, inside_share=0.4)
@@ -165,7 +165,7 @@ def test_which_way_somebody_faces_is_not_known_before_a_silhouette_is_seen():
     assert np.isnan(person.stance.reported_facing).all()
 
 
-def test_a_lean_moves_the_head_and_not_the_feet():
+def test_a_lean_moves_the_head_alone():
     person = seen_at(np.array([1.0, 2.0, 1.7, np.pi / 2, 0.2]))
     assert person.at_m == pytest.approx((1.0, 2.0)) and person.head_m == pytest.approx((1.0, 2.2))
 
@@ -180,7 +180,7 @@ def test_a_lean_follows_what_is_seen_of_it():
     assert stance.lean_m == pytest.approx(0.075)
 
 
-def test_the_deviation_of_a_place_holds_the_lean_and_what_all_pixels_share():
+def test_the_deviation_of_a_place_holds_errors_that_all_pixels_share():
     person = newcomer(1, 0.0, 0.0, 4.0)
     person.kalman = FloorKalman.from_measurement(np.zeros(2), 0.03**2 * np.eye(2))
     person.height_m = person.identity.stature.mean_m = 1.7

@@ -27,6 +27,11 @@ def follow(
     return [tracker.update(observed(n, float(t), look_at(CAMERA, scene(t), codes, table))) for n, t in enumerate(times)]
 
 
+def show(tracker: JointTracker, frame: int, *people: tuple[float, ...]) -> tuple[TrackState, ...]:
+    """The states after a frame, at 15 per second, that shows people."""
+    return tracker.update(observed(frame, frame / 15, look_at(CAMERA, people)))
+
+
 def test_nobody_is_found_in_an_empty_room():
     assert not any(follow(lambda t: [], 1.0))
 
@@ -41,7 +46,7 @@ def test_observation_without_pixels_is_refused():
         JointTracker().update(Observation(0, 0.0))
 
 
-def test_what_never_changes_is_one_observation_and_no_person():
+def test_what_never_changes_is_no_person():
     frames = follow(lambda t: [(0.0, 3.0, 1.75)] if t > 0.3 else [], 4.0)
     assert frames[-1] and not any(confirmed(states) for states in frames)
 
@@ -49,7 +54,7 @@ def test_what_never_changes_is_one_observation_and_no_person():
 def test_a_thing_is_tried_once_as_long_as_it_does_not_change():
     tracker, spawned = JointTracker(), 0
     for n in range(60):
-        tracker.update(observed(n, n / 15, look_at(CAMERA, [(0.0, 3.0, 0.8)] if n > 4 else [])))
+        show(tracker, n, *[(0.0, 3.0, 0.8)] * (n > 4))
         spawned += sum(d.kind == "spawned" for d in tracker.decisions)
     assert spawned <= 1
 
@@ -60,7 +65,7 @@ def test_who_stops_walking_stays_confirmed():
 
 
 @pytest.mark.parametrize(("height_m", "people"), [(1.75, 1), (1.1, 0)])
-def test_what_moves_by_a_metre_is_a_person_when_tall_and_a_thing_when_low(height_m, people):
+def test_what_moves_by_a_metre_is_a_person_when_tall(height_m, people):
     frames = follow(lambda t: [(min(-0.6 + 1.2 * t, 0.4), 3.0, height_m)], 3.0)
     assert len(confirmed(frames[-1])) == people
 
@@ -89,7 +94,7 @@ def test_two_people_who_pass_keep_their_ids():
     assert len(first) == 2 and set(first) == set(last) and all(first[i] * last[i] < 0 for i in first)
 
 
-def test_a_person_behind_another_is_lost_and_found_with_the_same_id():
+def test_a_person_behind_another_keeps_the_id():
     level = oblique_camera(height_m=1.7, tilt_deg=88.0)
     tracker, seen = JointTracker(), []
     for n in range(52):
@@ -118,21 +123,21 @@ def test_who_enters_far_from_where_another_left_is_someone_else():
     assert len({s.track_id for states in frames for s in confirmed(states)}) == 2
 
 
-def test_a_low_body_and_another_in_its_place_become_the_upright_person_that_explains_more():
+def test_bodies_in_one_place_become_the_upright_person_that_explains_more():
     tracker, noise = JointTracker(), 0.05**2 * np.eye(2)
-    tracker.update(observed(0, 0.0, look_at(CAMERA, [])))
+    show(tracker, 0)
     for pose in ((0.0, 2.95, 1.0), (0.0, 3.15, 1.7)):
         person = Person.newcomer(upright_pose(pose), noise, 100.0, Glimpse(0.0, 1.0), 0.0)
         person.log_odds = 4.0
         person.track_id = len(tracker._people) + 1
         tracker._people.append(person)
     tracker._people[0].confirmed = True
-    states = tracker.update(observed(1, 1 / 15, look_at(CAMERA, [(0.0, 3.0, 1.75)])))
+    states = show(tracker, 1, (0.0, 3.0, 1.75))
     assert [(s.track_id, s.height_m > 1.6) for s in confirmed(states)] == [(1, True)]
 
 
 @pytest.mark.parametrize(("turn_rad", "farther_m"), [(1.2, 0.25), (1.57, 0.0), (2.0, 0.25), (2.5, 0.0)])
-def test_somebody_who_turns_and_bends_at_once_makes_no_newcomer(turn_rad, farther_m):
+def test_somebody_who_turns_while_bending_makes_no_newcomer(turn_rad, farther_m):
     tracker, spawned = JointTracker(), 0
     camera = oblique_camera(3.3, tilt_deg=0.0)
     for n in range(40):
@@ -143,7 +148,7 @@ def test_somebody_who_turns_and_bends_at_once_makes_no_newcomer(turn_rad, farthe
     assert spawned == 1
 
 
-def test_a_walker_keeps_existence_and_id_while_nothing_is_known():
+def test_a_walker_keeps_existing_while_nothing_is_known():
     tracker, states, odds = JointTracker(), [], []
     for n in range(35):
         scene = look_at(CAMERA, [(-0.6 + 0.08 * n, 3.0, 1.75)])
@@ -187,17 +192,23 @@ def test_times_that_do_not_advance_are_refused(time_s):
 def test_a_reset_ends_everybody():
     tracker = JointTracker()
     for n in range(20):
-        tracker.update(observed(n, n / 15, look_at(CAMERA, [(0.0, 3.0, 1.75)])))
+        show(tracker, n, (0.0, 3.0, 1.75))
     tracker.reset()
-    assert tracker.update(observed(0, 0.0, look_at(CAMERA, []))) == ()
+    assert show(tracker, 0) == ()
 
 
-def test_every_frame_says_why_each_person_is_where_it_is_and_shows_the_owners_of_pixels():
+def test_every_frame_says_why_each_person_is_where_it_is():
     tracker = JointTracker()
     for n in range(10):
-        tracker.update(observed(n, n / 15, look_at(CAMERA, [(0.0, 3.0, 1.75)])))
+        show(tracker, n, (0.0, 3.0, 1.75))
     (reason,) = (d.reason for d in tracker.decisions if d.kind == "matched")
     assert "evidence" in reason and "existence" in reason and "visible" in reason
+
+
+def test_debug_shows_the_owners_of_pixels():
+    tracker = JointTracker()
+    for n in range(10):
+        show(tracker, n, (0.0, 3.0, 1.75))
     owners = tracker.debug().tiles["owners/0"]
     assert owners.shape == CAMERA.shape and (owners > 40).sum() > 300
 

@@ -49,24 +49,30 @@ def kinds(tracker: TemplateTracker) -> list[str]:
     return [decision.kind for decision in tracker.decisions]
 
 
-def test_newcomer_is_tentative_until_followed_for_a_while_and_dropped_at_the_first_miss():
+def test_newcomer_is_tentative_until_followed_for_a_while():
     tracker = TemplateTracker(TemplateParams(confirm_s=0.4))
     for _ in range(2):
         results = follow(tracker, walk(-0.95, 0.05, 6))
         assert [(t.track_id, t.state) for (t,) in results] == [(-1, "tentative")] * 4 + [(1, "confirmed")] * 2
         tracker.reset()  # ids start again
+
+
+def test_newcomer_is_dropped_at_the_first_miss():
     tracker = TemplateTracker()
     assert follow(tracker, [*walk(0.05, 0.05, 1), []])[-1] == () and kinds(tracker) == ["pruned"]
 
 
-def test_chair_is_too_low_and_a_hand_has_too_little_surface_for_a_newcomer():
-    assert follow(TemplateTracker(), walk(0.05, 0.05, 10, height_m=1.1))[-1] == ()
-    assert follow(TemplateTracker(), [[(0.05, 0.05, 1.75, 0.04)]] * 10)[-1] == ()
+@pytest.mark.parametrize("thing", [(0.05, 0.05, 1.1), (0.05, 0.05, 1.75, 0.04)], ids=["chair", "hand"])
+def test_what_is_too_low_or_too_small_is_no_newcomer(thing):
+    assert follow(TemplateTracker(), [[thing]] * 10)[-1] == ()
 
 
-def test_position_height_and_velocity_are_those_of_the_walker():
+def test_place_of_somebody_who_stands_is_exact():
     (track,) = follow(TemplateTracker(), [[(0.05, 0.35, 1.8)]] * 10)[-1]
     assert (track.x_m, track.y_m, track.height_m) == pytest.approx((0.05, 0.35, 1.8), abs=1e-3)
+
+
+def test_velocity_is_that_of_the_walker():
     frames = follow(TemplateTracker(), walk(-1.95, 0.05, 25))
     (track,) = frames[-1]
     assert (track.x_m, track.vx_mps, track.vy_mps) == pytest.approx((0.45, 1.0, 0.0), abs=0.05)
@@ -80,7 +86,7 @@ def test_walkers_who_pass_each_other_keep_their_ids():
     assert heights[0] == heights[1] and sorted(heights[0].values()) == [1.6, 1.9]
 
 
-def test_lost_person_goes_on_as_predicted_and_is_forgotten_after_four_seconds():
+def test_lost_person_is_predicted_for_four_seconds():
     tracker = TemplateTracker()
     seen = follow(tracker, walk(-0.95, 0.05, 10))[-1][0]
     (lost,), *_, last, after = follow(tracker, [[]] * 41, start=10)[4:]
@@ -92,14 +98,14 @@ def test_lost_person_goes_on_as_predicted_and_is_forgotten_after_four_seconds():
     ("y_m", "states", "decisions"),
     [(1.85, {1: "confirmed"}, ["reacquired"]), (2.25, {1: "lost", -2: "tentative"}, ["spawned"])],
 )
-def test_newcomer_within_reach_of_a_lost_person_is_that_person_and_out_of_it_somebody_else(y_m, states, decisions):
+def test_newcomer_within_reach_of_a_lost_person_is_that_person(y_m, states, decisions):
     tracker = TemplateTracker()
     follow(tracker, [*walk(0.05, 0.05, 10, step_m=0.0), *[[]] * 5])
     tracks = follow(tracker, [[(0.05, y_m, 1.75)]], start=15)[0]
     assert {track.track_id: track.state for track in tracks} == states and kinds(tracker) == decisions
 
 
-def test_frames_that_show_nothing_end_nobody_and_find_nobody():
+def test_frames_that_show_nothing_end_nobody():
     tracker, states = TemplateTracker(TemplateParams(lost_s=0.5)), []
     for n, people in enumerate(walk(-1.95, 0.05, 30)):
         seen = observe(n, people) if not 12 <= n < 20 else replace(observe(n, []), views=(View.unknown((1, 1)),))
@@ -145,7 +151,7 @@ def test_weight_of_zero_leaves_a_statistic_out(without):
     assert getattr(tracker.decisions[0].terms, without) == 0.0
 
 
-def test_debug_shows_search_zone_and_templates():
+def test_debug_shows_what_was_searched():
     tracker = TemplateTracker()
     follow(tracker, walk(0.05, 0.05, 3))
     debug = tracker.debug()
@@ -160,9 +166,12 @@ def test_person_at_the_edge_of_the_floor_is_followed():
     assert track.state == "confirmed" and math.dist((track.x_m, track.y_m), (-2.95, 2.95)) < 0.3
 
 
-def test_observation_without_maps_and_time_that_runs_backwards_are_refused():
+def test_observation_without_maps_is_refused():
     with pytest.raises(ValueError, match="plan-view maps"):
         TemplateTracker().update(Observation(0, 0.0))
+
+
+def test_time_that_runs_backwards_is_refused():
     tracker = TemplateTracker()
     follow(tracker, walk(0.05, 0.05, 1), start=5)
     with pytest.raises(ValueError, match="time to advance"):
@@ -177,12 +186,15 @@ def test_difference_counts_one_sided_cells_as_h_max_thirds():
     assert occupancy[0, 0] == pytest.approx((0.2 + 0.9 + 1.0) / 3, abs=1e-6)
 
 
-def test_difference_is_none_where_the_template_was_moved_and_all_over_an_empty_floor():
+def test_difference_is_none_where_the_template_was_moved():
     rng = np.random.default_rng(1)
     template = np.where(rng.random((5, 5)) < 0.5, rng.uniform(0.1, 2.0, (5, 5)), 0.0).astype(np.float32)
     height = np.zeros((20, 20), np.float32)
     height[8:13, 6:11] = template
     apart, _ = mean_differences(template, template, height, height, 0.8)
     assert apart.shape == (16, 16) and apart[8, 6] == pytest.approx(0.0, abs=1e-6) and (apart > 0.0).sum() == 255
+
+
+def test_difference_of_empty_floors_is_the_largest():
     nothing = np.zeros((5, 5), np.float32)
     assert mean_differences(nothing, nothing, nothing, nothing, 0.8) == (0.8, 0.0)
