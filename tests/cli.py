@@ -1,6 +1,7 @@
 """Commands run in this process, and what they print: the types of fixtures."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 Cli = Callable[..., tuple[int, str]]
@@ -8,6 +9,11 @@ Succeed = Callable[..., str]
 Refused = Callable[..., str]
 ShownBy = Callable[..., str]
 JsonOf = Callable[..., dict[str, Any]]
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """What every file of a folder holds."""
+    return {file.name: file.read_bytes() for file in folder.iterdir()}
 
 
 def one_sentence(printed: str) -> str:

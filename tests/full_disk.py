@@ -2,8 +2,15 @@
 
 import errno
 import os
+from types import SimpleNamespace
 
 import pytest
+
+
+def report_free_mb(monkeypatch: pytest.MonkeyPatch, *free_mb: int) -> None:
+    """Let the disk have so much room, from one question to the next."""
+    room = iter(free_mb)
+    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=next(room) << 20))
 
 
 def fill_disk_after(monkeypatch: pytest.MonkeyPatch, room: int) -> None:

@@ -83,7 +83,7 @@ def test_suite_scores_members_of_a_scene(bench, tiny, tmp_path):
     assert (tmp_path / "out" / "tiny-3" / "tracks.csv").is_file()
 
 
-def test_suite_renders_and_tracks_a_member_once(bench, tiny, tmp_path):
+def test_suite_works_on_a_member_once(bench, tiny, tmp_path):
     first = json_of(bench(*tiny, 3))
     kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*")}
     assert json_of(bench(*tiny, 3)) == first
@@ -118,7 +118,7 @@ def test_what_cannot_be_run_is_refused_in_a_sentence(bench, words, named):
     assert named in one_sentence(err)
 
 
-def test_real_scores_a_tracker_and_the_baseline(bench, data):
+def test_real_scores_a_tracker_next_to_the_baseline(bench, data):
     rows = json_of(bench("real", "--data", data, "--set", FEW, "--json"))["scores"]
     assert [(row["recording"], row["tracker"]) for row in rows] == [("copy", "joint"), ("copy", "peaks")]
     assert rows[0]["people"] == rows[0]["ids"] == 1

@@ -66,21 +66,26 @@ def test_wrong_counts_are_refused(photos, tmp_path, refused):
     assert "expected a board of 8x6 inner corners, found one of 9x6" in expected
 
 
-def test_too_few_blank_mixed_and_unreadable_images_are_refused(photos, tmp_path, refused):
-    out = ("--square", "25mm", "--board", "9x6", "--out", tmp_path / "r.toml")
+BOARD = ("--square", "25mm", "--board", "9x6", "--out", "r.toml")
+
+
+def test_too_few_images_are_refused(photos, tmp_path, refused):
     few = copy(photos, tmp_path / "few", SIX[:2])
-    assert "found 2 of 2" in refused("calibrate", "board", few, *out)
+    assert "found 2 of 2" in refused("calibrate", "board", few, *BOARD)
+
+
+def test_images_of_two_sizes_are_refused(photos, tmp_path, refused):
     mixed = copy(photos, tmp_path / "mixed", SIX[:3])
     cv2.imwrite(str(mixed / "right03.jpg"), np.zeros((240, 320), np.uint8))
-    sizes = "expected images of one size, 640x480, found 320x240 in left03.jpg right03.jpg"
-    assert sizes in refused("calibrate", "board", mixed, *out)
-    blank = tmp_path / "blank"
-    blank.mkdir()
+    assert "640x480, found 320x240 in left03.jpg" in refused("calibrate", "board", mixed, *BOARD)
+
+
+def test_images_without_a_board_are_refused_with_the_reason(tmp_path, refused):
     for name in ("left1.png", "right1.png"):
-        cv2.imwrite(str(blank / name), np.full((120, 160), 128, np.uint8))
-    assert "blank" in refused("calibrate", "board", blank, *out)
-    (blank / "left1.png").write_bytes(b"no image")
-    assert "left1.png cannot be decoded" in refused("calibrate", "board", blank, *out)
+        cv2.imwrite(str(tmp_path / name), np.full((120, 160), 128, np.uint8))
+    assert "blank" in refused("calibrate", "board", tmp_path, *BOARD)
+    (tmp_path / "left1.png").write_bytes(b"no image")
+    assert "left1.png cannot be decoded" in refused("calibrate", "board", tmp_path, *BOARD)
 
 
 def test_pairs_side_by_side_in_a_video_give_the_same_rig(photos, tmp_path, json_of):
@@ -114,7 +119,7 @@ def files(folder: Path) -> set[str]:
     return {str(p.relative_to(folder)) for p in folder.rglob("*")}
 
 
-def test_check_and_calibration_find_the_floor_of_a_run(small, json_of):
+def test_every_command_finds_the_floor_of_a_run(small, json_of):
     of_run = set_up(open_recording(small), load_config()).floor
     floor = examine(small, frames=4).floor
     assert floor is not None and floor.world_SE3_left.matrix.tolist() == of_run.world_SE3_left.matrix.tolist()
@@ -128,7 +133,7 @@ def test_configured_search_is_that_of_the_run():
     assert (search.frames, search.sgbm, search.floor, search.range) == (4, config.sgbm, config.floor, config.range)
 
 
-def test_nothing_is_written_without_a_place_to_write_to_and_how_to_keep_it_is_printed(cli, small, json_of):
+def test_nothing_is_written_without_a_place_to_write_to(cli, small, json_of):
     before = files(small)
     found = json_of("calibrate", "floor", small, "--frames", 2)
     assert found.keys() >= KEYS and found["height_m"] == pytest.approx(HEIGHT_M, abs=0.05)
@@ -137,7 +142,7 @@ def test_nothing_is_written_without_a_place_to_write_to_and_how_to_keep_it_is_pr
     assert files(small) == before
 
 
-def test_out_writes_the_floor_and_its_picture_there(succeed, small, tmp_path):
+def test_out_writes_the_floor_with_its_picture(succeed, small, tmp_path):
     before = files(small)
     succeed("calibrate", "floor", small, "--frames", 2, "--out", tmp_path / "new" / "world.toml")
     assert load_world(tmp_path / "new" / "world.toml").height_m == pytest.approx(HEIGHT_M, abs=0.05)
@@ -149,11 +154,14 @@ def test_save_gives_the_recording_a_floor_that_runs_take(succeed, own):
     assert set_up(open_recording(own), load_config()).floor_source == "world.toml"
 
 
-def test_points_in_metres_give_their_plane_and_in_pixels_lie_on_the_floor_by_their_depth(small, json_of):
+def test_points_in_metres_give_their_plane(small, json_of):
     words = ["--points", "1,2,3", "2,2,3", "1,2,5", "--frames", "1"]
     found = json_of("calibrate", "floor", small, *words)
     assert (found["height_m"], found["tilt_deg"], found["roll_deg"]) == pytest.approx((2.0, 90.0, 0.0), abs=1e-6)
     assert found["inlier_fraction"] is None
+
+
+def test_points_in_pixels_lie_on_the_floor_by_their_depth(small, json_of):
     words = ["--points", "80,200", "240,200", "160,160", "--frames", "2"]
     assert json_of("calibrate", "floor", small, *words)["height_m"] == pytest.approx(HEIGHT_M, abs=0.1)
 

@@ -25,7 +25,7 @@ from stereo.readers import open_recording
 from stereo.recording import Frame, Recording, Shot, StereoPair
 
 
-def test_demo_tracks_its_clip_and_prints_the_metrics(recording, tmp_path, monkeypatch, json_of):
+def test_demo_prints_the_metrics_of_its_clip(recording, tmp_path, monkeypatch, json_of):
     clip, out = tmp_path / "clip", tmp_path / "out"
     shutil.copytree(recording, clip)
     cards = [(i, walking(i - EMPTY)[0]) for i in range(EMPTY, FRAMES)]
@@ -57,9 +57,12 @@ def without_times(text: str) -> str:
     return re.sub(r"^ms per frame.*$", lambda line: re.sub(r"[\d.]+", "N", line[0]), text, flags=re.MULTILINE)
 
 
-def test_demo_without_its_clip_and_view_without_a_rerun_recording_are_refused(refused, tmp_path, monkeypatch):
+def test_demo_without_its_clip_is_refused(refused, tmp_path, monkeypatch):
     monkeypatch.setattr("planview.commands.run.DEMO", tmp_path / "none")
     assert "demo clip" in refused("demo", "--out", tmp_path / "out")
+
+
+def test_view_without_a_rerun_recording_is_refused(refused, tmp_path):
     prepare_folder(tmp_path / "out", overwrite=False)
     assert "--rrd" in refused("view", tmp_path / "out")
 

@@ -83,7 +83,7 @@ def run_folder(short_clip, tmp_path_factory) -> Path:
 
 
 @pytest.mark.parametrize("page", WITH_BLOCKS, ids=lambda page: page.name)
-def test_python_and_rules_of_a_page_are_taken(page, run_folder, tmp_path, monkeypatch):
+def test_blocks_of_a_page_run(page, run_folder, tmp_path, monkeypatch):
     import matplotlib as mpl
 
     mpl.use("Agg")

@@ -35,7 +35,7 @@ def test_every_example_is_tested():
         ("sweep.py", {"sizes_px": (160, 320)}, ["working_px,", "\n160,", "\n320,"]),
     ],
 )  # fmt: skip
-def test_example_finds_the_visitor_and_prints_its_rows(example, name, options, rows, capsys):
+def test_example_finds_the_visitor(example, name, options, rows, capsys):
     example(name)["main"](frames=FRAMES, **options)
     printed = capsys.readouterr().out
     assert all(row in printed for row in rows)
@@ -48,7 +48,7 @@ def notebook() -> list[str]:
     return ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
 
 
-def test_cells_of_the_notebook_run_in_order_and_export_what_they_track(short_clip, monkeypatch):
+def test_cells_of_the_notebook_run_in_order(short_clip, monkeypatch):
     import matplotlib as mpl
 
     mpl.use("Agg")

@@ -28,7 +28,7 @@ def tracks(tmp_path) -> Path:
     return path
 
 
-def test_pedpy_computes_density_and_fundamental_diagram_from_an_export(succeed, tracks):
+def test_pedpy_computes_the_fundamental_diagram_of_an_export(succeed, tracks):
     import pedpy
 
     out = tracks.with_name("tracks.txt")
@@ -50,7 +50,7 @@ def test_pedpy_computes_density_and_fundamental_diagram_from_an_export(succeed, 
     assert crowded.speed.mean() == pytest.approx(SPEED_MPS, abs=0.01)
 
 
-def test_pedpy_reads_trajectory_and_walkable_area_of_archive_and_database(succeed, tracks):
+def test_pedpy_reads_exports_with_their_walkable_area(succeed, tracks):
     import pedpy
 
     archive, database = tracks.with_name("t.h5"), tracks.with_name("t.sqlite")
@@ -69,7 +69,7 @@ def test_pedpy_reads_trajectory_and_walkable_area_of_archive_and_database(succee
 
 
 @pytest.mark.parametrize("to", ["pedpy", "ped-data-archive", "jupedsim", "motchallenge", "parquet", "jsonl"])
-def test_evaluate_reads_exports_as_tracks_and_as_truth(to, succeed, tracks, json_of):
+def test_evaluate_reads_exports(to, succeed, tracks, json_of):
     out = tracks.with_name("export")
     succeed("export", tracks, "--to", to, "--out", out)
     assert json_of("evaluate", tracks, out)["mota"] == 1.0 and json_of("evaluate", out, out)["idf1"] == 1.0
@@ -79,14 +79,17 @@ def test_json_lines_go_to_standard_output(tracks, shown_by):
     assert len(shown_by("export", tracks, "--to", "jsonl", "--out", "-").splitlines()) == FRAMES
 
 
-def test_export_does_not_overwrite_unless_asked_and_never_its_input(succeed, refused, tracks):
+def test_export_does_not_overwrite_its_input(refused, tracks):
     assert "choose another" in refused("export", tracks, "--to", "csv", "--out", tracks, "--overwrite")
+
+
+def test_export_does_not_overwrite_unless_asked(succeed, refused, tracks):
     succeed("export", tracks, "--to", "csv")
     assert "--overwrite" in refused("export", tracks, "--to", "csv")
     succeed("export", tracks, "--to", "csv", "--overwrite")
 
 
-def test_samples_of_other_programs_have_their_rows_and_rates(shared_data):
+def test_samples_of_other_programs_are_read_whole(shared_data):
     files = {
         "pedpy/ped_data_archive_text.txt": (63110, 25.0),
         "pedpy/ped_data_archive_hdf5.h5": (30701, 25.0),
@@ -140,7 +143,7 @@ def test_a_table_without_a_row_is_nobody_in_every_format(to, succeed, tmp_path):
 
 
 @pytest.mark.parametrize("command", ["count", "plot", "density", "evaluate"])
-def test_nobody_is_counted_drawn_and_scored(command, succeed, tmp_path):
+def test_every_command_takes_tracks_of_nobody(command, succeed, tmp_path):
     nobody = tmp_path / "tracks.csv"
     nobody.write_text("frame,id,x_m,y_m,height_m\n")
     rules = tmp_path / "rules.toml"

@@ -31,14 +31,14 @@ def truth(shared_data) -> Trajectories:
     return load_truth(path)
 
 
-def test_annotation_has_its_rows_from_frame_zero_and_scores_full_marks_against_itself(truth):
+def test_annotation_scores_full_marks_against_itself(truth):
     assert (len(truth), int(truth.frame[0]), int(truth.frame[-1])) == (2396, 0, 399)
     result = evaluate_tracks(truth, truth, EvaluationParams(match_on="boxes", fps=7.0)).to_json()
     assert (result["truth_rows"], result["mota"], result["idf1"]) == (2396, 1.0, 1.0)
     assert result["significant_errors"]["total"] == 0
 
 
-def test_turned_and_shifted_world_is_aligned_on_the_floor(truth):
+def test_world_that_was_moved_is_aligned_on_the_floor(truth):
     rng = np.random.default_rng(0)
     turned = replace(
         truth,

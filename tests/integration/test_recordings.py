@@ -47,9 +47,7 @@ def recordings(shared_data) -> Path:
 
 
 @pytest.mark.parametrize(("name", "reader", "size", "frames", "fps", "focal_px", "baseline_m"), STEREO)
-def test_stereo_sample_opens_with_its_size_rate_and_calibration(
-    recordings, name, reader, size, frames, fps, focal_px, baseline_m
-):
+def test_stereo_sample_opens_as_it_was_recorded(recordings, name, reader, size, frames, fps, focal_px, baseline_m):
     assert find_layout(recordings / name)[0].key == reader
     recording = open_recording(recordings / name)
     assert recording.sensor.rig.left.size == size and recording.n_frames == frames
@@ -58,7 +56,7 @@ def test_stereo_sample_opens_with_its_size_rate_and_calibration(
     assert recording.sensor.rig.baseline_m == pytest.approx(baseline_m, rel=1e-3) and len(recording.sample(2)) == 2
 
 
-def test_depth_topics_open_with_their_rate_and_camera(recordings):
+def test_depth_topics_open_as_they_were_recorded(recordings):
     _, layout = find_layout(recordings / "ros1-bag" / "rgbd_compressed.bag")
     frame = layout.open().sample(1)[0]
     assert layout.kind == "rgbd" and layout.n_frames == 15 and layout.clock.fps == pytest.approx(5.0)
@@ -112,7 +110,7 @@ def test_sample_without_a_usable_rig_is_refused(name, why, samples):
         load_rig(samples / name)
 
 
-def test_kalibr_chain_and_imu_poses_of_the_same_rig_agree(samples):
+def test_kalibr_chain_agrees_with_imu_poses_of_the_same_rig(samples):
     chain = load_rig(samples / "msckf_vio_camchain-imucam-euroc.yaml")
     imu = load_rig(samples / "openvins_euroc_kalibr_imucam_chain.yaml")
     np.testing.assert_allclose(chain.right_SE3_left.matrix, imu.right_SE3_left.matrix, atol=1e-8)

@@ -50,7 +50,7 @@ def words(request, tmp_path, succeed) -> list[object]:
     return [clip, "--detections", tmp_path / "det.txt", "--calibration", tmp_path / "camera.toml"]
 
 
-def test_run_count_and_python_give_the_same_counts(words, tmp_path, succeed, json_of):
+def test_every_way_to_count_gives_the_same_counts(words, tmp_path, succeed, json_of):
     out, rules = tmp_path / "out", tmp_path / "rules.toml"
     succeed("run", words[0], "--out", tmp_path / "look", *words[1:], "--frames", "3")
     width, height = RunFolder(tmp_path / "look").info.size_px
@@ -97,11 +97,11 @@ def test_line_in_pixels_whose_image_size_is_not_known_is_told(tmp_path, cli):
     (tmp_path / "rules.toml").write_text(BORDER)
     _, printed = cli("count", tmp_path, "--rules", tmp_path / "rules.toml")
     assert "the size of the images is not known" in " ".join(printed.split())
-    with pytest.warns(UserWarning, match="the size of the images is not known"):
+    with pytest.warns(UserWarning, match="size of the images"):
         planview.count(tmp_path, tmp_path / "rules.toml")
 
 
-def test_python_takes_tables_of_pandas_and_prints_short(tmp_path):
+def test_python_takes_tables_of_pandas(tmp_path):
     rows = [(i, i / 10, 1, i / 10 - 1, 2.0) for i in range(30)]
     frame = pandas.DataFrame(rows, columns=["frame", "timestamp_s", "id", "x_m", "y_m"])
     (tmp_path / "rules.toml").write_text('[[tripwire]]\nname = "door"\nfrom_m = [0, 0]\nto_m = [0, 4]\n')
@@ -110,9 +110,9 @@ def test_python_takes_tables_of_pandas_and_prints_short(tmp_path):
     scores = planview.evaluate(frame, frame)
     assert scores.clear.mota == 1.0
     assert all(len(repr(value)) <= 200 for value in (scores, planview.Trajectories.from_dataframe(frame)))
-    with pytest.raises(planview.InputError, match="expected a truth"):
+    with pytest.raises(planview.InputError, match="truth"):
         planview.evaluate(frame)
-    with pytest.raises(planview.InputError, match="the column 'x_m'"):
+    with pytest.raises(planview.InputError, match="'x_m'"):
         planview.evaluate(frame.drop(columns="x_m"), frame)
     with pytest.raises(planview.InputError, match="config"):
         planview.run(tmp_path, config={"maps": {"cell_m": -1}})
@@ -142,7 +142,7 @@ def test_counts_of_measured_heads_are_exact(shared_data, name, down, up):
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize(("name", "down", "up"), EXACT)
-def test_counts_stay_exact_with_noise_and_dropped_frames(shared_data, name, down, up, seed):
+def test_counts_of_noisy_tracks_stay_exact(shared_data, name, down, up, seed):
     tracks = read(shared_data, name)
     rng = np.random.default_rng(seed)
     noise = rng.normal(0.0, 0.10, (len(tracks), 2))

@@ -7,21 +7,19 @@ import shutil
 import signal
 import subprocess
 import sys
-import sysconfig
 import time
 import weakref
 from collections.abc import Iterator
 from copy import copy as same_parts
 from pathlib import Path
-from types import SimpleNamespace
 from unittest.mock import Mock
 
 import cv2
 import numpy as np
 import pytest
 from cli import one_sentence
-from full_disk import fill_disk_after
-from toy_run import EMPTY, FEW, FRAMES, rows_in, run_few
+from full_disk import fill_disk_after, report_free_mb
+from toy_run import EMPTY, FEW, FRAMES, is_whole, rows_in, run_few
 from toy_stereo import ToyWorld, toy_rig, write_toy_recording
 
 import planview
@@ -35,7 +33,7 @@ from planview.trajectories.table import read_tracks
 from stereo.recording import OpenOptions
 
 
-def test_frames_that_cannot_be_used_are_skipped_counted_and_bridged(succeed, copy, tmp_path):
+def test_frames_that_cannot_be_used_are_bridged(succeed, copy, tmp_path):
     (copy / "left" / "000024.png").unlink()
     broken = copy / "right" / "000025.png"
     broken.write_bytes(broken.read_bytes()[:500])
@@ -99,7 +97,7 @@ def test_frames_that_are_all_unusable_are_a_failure(engine, recording, tmp_path)
 
     nothing = same_parts(engine)
     nothing.recording = Empty()  # type: ignore[assignment]
-    with pytest.raises(WorkError, match="none of 3 frames can be used"):
+    with pytest.raises(WorkError, match="none of 3"):
         run(nothing, RunSpec(tmp_path))
     assert not read_run_info(tmp_path / "run.json").finished
 
@@ -159,13 +157,11 @@ def test_a_full_disk_from_the_start_is_told(refused, copy, tiny_disk):
 
 
 def test_rerun_is_stopped_before_the_disk_is_full(engine, tmp_path, monkeypatch):
-    room = iter([200 << 20] * 4 + [10 << 20] * 100)
-    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=next(room)))
-    with pytest.raises(WorkError, match=r"run\.rrd: expected at least 64 MB of free disk, found 10"):
+    report_free_mb(monkeypatch, *[200] * 4, *[10] * 100)
+    with pytest.raises(WorkError, match="64 MB"):
         run(engine, RunSpec(tmp_path, rrd_every=1))
     assert not read_run_info(tmp_path / "run.json").finished
-    rerun = Path(sysconfig.get_path("scripts")) / "rerun"
-    assert subprocess.run([rerun, "rrd", "verify", tmp_path / "run.rrd"], timeout=60).returncode == 0
+    assert is_whole(tmp_path / "run.rrd")
 
 
 def test_rerun_that_cannot_write_is_not_waited_for(engine, tmp_path, monkeypatch):
@@ -184,7 +180,7 @@ def test_rerun_that_cannot_write_is_not_waited_for(engine, tmp_path, monkeypatch
 
 
 @pytest.mark.parametrize("room", [30_000, 300_000])
-def test_rerun_without_room_ends_the_run_in_a_sentence_and_keeps_the_tracks(engine, copy, tmp_path, room):
+def test_rerun_without_room_ends_the_run_in_a_sentence(engine, copy, tmp_path, room):
     list(engine)  # numba's caches are written while there is room
     out, no_checkpoints = tmp_path / "out", ("--checkpoint-every", "0")  # which would end a slow run early
     output = subprocess.run(
@@ -201,7 +197,7 @@ def test_rerun_without_room_ends_the_run_in_a_sentence_and_keeps_the_tracks(engi
 # Interruption
 
 
-def test_interruption_leaves_valid_files_and_says_so(recording, tmp_path):
+def test_interruption_leaves_valid_files(recording, tmp_path):
     out = tmp_path / "out"
     words = ["run", str(recording), "--out", str(out), "--set", FEW, "--rrd"]
     # Slow frames, so that the signal meets the run in its middle on any machine; background jobs of a shell ignore it.
@@ -224,5 +220,4 @@ def test_interruption_leaves_valid_files_and_says_so(recording, tmp_path):
     tracks = read_tracks(out / "tracks.csv")
     assert len(tracks) >= 3 and tracks.frame.max() < FRAMES - 1 and not (out / "report.html").exists()
     assert (out / "checkpoint.npz").is_file()
-    rerun = Path(sysconfig.get_path("scripts")) / "rerun"
-    assert subprocess.run([rerun, "rrd", "verify", out / "run.rrd"], timeout=60).returncode == 0
+    assert is_whole(out / "run.rrd")

@@ -99,9 +99,12 @@ def test_maps_are_not_replaced_by_their_own_tracking(refused, maps):
     assert maps.exists()
 
 
-def test_maps_cut_short_and_other_hdf5_files_are_refused(refused, maps, tmp_path):
+def test_maps_cut_short_are_refused(refused, maps, tmp_path):
     maps.write_bytes(maps.read_bytes()[:-5000])
     assert f"{maps}: expected plan-view maps" in refused("run", maps, "--out", tmp_path / "out")
+
+
+def test_other_hdf5_files_are_no_maps(refused, tmp_path):
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file["x"] = [1, 2]
     assert "expected plan-view maps" in refused("run", tmp_path / "other.h5", "--out", tmp_path / "out")
@@ -137,7 +140,7 @@ def test_a_rig_without_a_frame_is_left_out_of_that_moment(sensors, engine):
     assert not math.isnan(right.tracks[0].box_px[0])
 
 
-def test_check_looks_at_every_sensor_and_whether_they_agree(sensors):
+def test_check_compares_every_sensor(sensors):
     checks = {check.name: check for check in planview.check(sensors, frames=8, overrides=[FEW]).value}
     assert {"left_one: floor share", "right_one: floor share"} <= checks.keys()
     assert checks["left_one and right_one: people apart"].value < 0.05
@@ -161,8 +164,11 @@ def test_run_says_that_a_clock_of_one_sensor_is_wrong(succeed, sensors, tmp_path
     assert "a clock or a pose in rigs.toml is wrong" in " ".join(printed.split())
 
 
-def test_maps_of_several_sensors_are_not_saved_and_other_commands_ask_for_one_of_them(refused, sensors, tmp_path):
+def test_maps_of_several_sensors_are_not_saved(refused, sensors, tmp_path):
     assert "several sensors" in refused("run", sensors, "--out", tmp_path / "out", "--set", FEW, "--maps")
+
+
+def test_calibration_asks_for_one_of_several_sensors(refused, sensors):
     assert "left_one" in refused("calibrate", "floor", sensors)
 
 
@@ -195,7 +201,7 @@ def box() -> list[float]:
     return [u - 0.15 * height, top, 0.3 * height, height]
 
 
-def test_run_tracks_the_boxes_of_a_file_and_is_evaluated_as_any_run(video, tmp_path, succeed, json_of, refused):
+def test_run_tracks_the_boxes_of_a_file(video, tmp_path, succeed, json_of, refused):
     rows = "".join(f"{i},-1,{','.join(map(str, box()))},1\n" for i in range(1, 21))
     (tmp_path / "det.txt").write_text(rows)
     truth = "".join(f"{i},0.0,6.0,1.75,7\n" for i in range(20))

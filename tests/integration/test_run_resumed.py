@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cli import contents
 from crossing_video import CAMERA, CrossingVideo
 from rerun.chunk import RrdReader
 from toy_run import FEW
@@ -162,7 +163,7 @@ def test_a_run_with_a_part_that_cannot_be_identified_writes_no_checkpoints(engin
         "by hand": lambda: Engine(engine.recording, engine.config, engine.sensors, JointTracker()),
     }[part]()
     spec = RunSpec(tmp_path, last_frame=1, checkpoint_every_s=FREQUENT_S)
-    with pytest.warns(UserWarning, match="writes no checkpoints: .* has no attribute 'identity'"):
+    with pytest.warns(UserWarning, match="'identity'"):
         run(own, spec)
     with pytest.raises(UnidentifiedError):
         spec.identity(own)
@@ -190,7 +191,7 @@ def test_a_run_with_a_matcher_of_the_users_own_is_replayed_with_it(matched):
 
 
 def test_another_matcher_does_not_replay_a_run(matched):
-    with pytest.raises(InputError, match="found OwnMatcher two"):
+    with pytest.raises(InputError, match="OwnMatcher two"):
         planview.replay(matched, 3, matcher=OwnMatcher("two"))
 
 
@@ -220,7 +221,7 @@ def test_a_run_of_another_part_of_the_recording_is_not_begun_again(engine, tmp_p
         checkpoint_of(tmp_path, RunSpec(tmp_path).identity(engine))
 
 
-def test_a_run_resumes_with_new_files_next_to_its_images_and_with_its_rules_under_another_name(copy, tmp_path, rules):
+def test_a_run_resumes_although_files_next_to_it_have_changed(copy, tmp_path, rules):
     config = load_config(None, [FEW])
     with pytest.raises(StoppedError):
         run(open_engine(copy, config=config), spec_with(rules, tmp_path / "out"), [stop_at(5)])
@@ -266,7 +267,7 @@ def test_what_a_kill_after_the_last_frame_left_undone_is_done(succeed, copy, tmp
     out = tmp_path / "out"
     words = ("run", copy, "--out", out, "--set", FEW, *refine)
     succeed(*words)
-    whole = {file.name: file.read_bytes() for file in out.iterdir()}
+    whole = contents(out)
     (out / "report.html").unlink()
     for name in (CHECKPOINT, CHECKPOINT + ".part"):
         (out / name).write_bytes(b"half")
@@ -274,7 +275,7 @@ def test_what_a_kill_after_the_last_frame_left_undone_is_done(succeed, copy, tmp
         (out / "tracks.csv").write_bytes((out / "tracks_online.csv").read_bytes())
         (out / "refinement.csv").unlink()
     assert "nothing is left" not in succeed(*words, "--resume")
-    found = {file.name: file.read_bytes() for file in out.iterdir()}
+    found = contents(out)
     assert found.keys() == whole.keys() and found["tracks.csv"] == whole["tracks.csv"]
     assert "nothing is left to resume" in succeed(*words, "--resume")
 
@@ -282,11 +283,11 @@ def test_what_a_kill_after_the_last_frame_left_undone_is_done(succeed, copy, tmp
 def test_a_finished_run_of_other_settings_is_not_taken_for_the_one_that_is_resumed(succeed, refused, copy, tmp_path):
     out = tmp_path / "out"
     succeed("run", copy, "--out", out, "--set", FEW, "--frames", "3")
-    before = {file.name: file.read_bytes() for file in out.iterdir()}
+    before = contents(out)
     assert "another configuration (joint)" in refused(
         "run", copy, "--out", out, "--set", FEW, "--set", "joint.stay_s=0.7", "--resume"
     )
-    assert {file.name: file.read_bytes() for file in out.iterdir()} == before
+    assert contents(out) == before
 
 
 def test_a_run_that_was_killed_before_it_was_refined_is_refined(succeed, copy, tmp_path):

@@ -126,7 +126,7 @@ def test_a_run_that_is_refused_opens_no_viewer(engine, opened, refused_by, tmp_p
 
 
 @pytest.mark.parametrize(("error", "closed"), [(WorkError("full"), True), (KeyboardInterrupt(), False)])
-def test_the_viewer_of_a_run_that_fails_is_closed_and_of_one_that_is_stopped_not(engine, opened, error, closed):
+def test_the_viewer_is_closed_when_the_run_fails(engine, opened, error, closed):
     show = viewer.LiveViewer()
 
     def run() -> None:

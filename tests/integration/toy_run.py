@@ -1,5 +1,7 @@
 """A small exact recording on which commands are tried, and how to try them."""
 
+import subprocess
+import sysconfig
 from pathlib import Path
 
 from cli import Succeed
@@ -21,6 +23,12 @@ def write_world(engine: Engine, folder: Path) -> None:
 
 def run_few(succeed: Succeed, recording: Path, out: Path, *more: object) -> str:
     return succeed("run", recording, "--out", out, "--set", FEW, *more)
+
+
+def is_whole(rrd: Path) -> bool:
+    """True if rerun reads a whole recording."""
+    rerun = Path(sysconfig.get_path("scripts")) / "rerun"
+    return subprocess.run([rerun, "rrd", "verify", rrd], timeout=60).returncode == 0
 
 
 def rows_in(file: Path) -> int:

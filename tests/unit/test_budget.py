@@ -70,7 +70,7 @@ def test_nothing_outgrows_its_budget(table, sizes):
     assert not too_large
 
 
-def test_size_counts_tokens_and_lines_without_comments_and_docstrings():
+def test_size_leaves_out_what_is_no_program():
     size = size_of_text('"""Text."""\n\n# comment\na, b = 1, 2\nc = a if b else 0\n')
     assert (size.tokens, size.code_lines) == (7 + 7, 2)
     assert (size.double_assignments, size.conditionals, size.comprehensions) == (1, 1, 0)

@@ -62,7 +62,7 @@ def test_an_empty_value_is_refused_in_one_sentence(argv, capsys):
         (KeyboardInterrupt(), 130, "interrupted"),
     ],
 )
-def test_errors_become_one_sentence_and_a_status(error, status, sentence, monkeypatch, capsys):
+def test_errors_become_one_sentence_with_a_status(error, status, sentence, monkeypatch, capsys):
     def fail(*_: object, **__: object) -> None:
         raise error
 
@@ -82,7 +82,7 @@ def test_an_unexpected_error_becomes_one_sentence_that_names_a_file_with_the_tra
     assert "Traceback" in log.read_text() and "in fail" in log.read_text()
 
 
-def test_the_package_and_its_listing_import_nothing_heavy():
+def test_the_package_imports_nothing_heavy():
     program = (
         "import sys, planview\nfrom planview.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
         "heavy = ('numba', 'open3d', 'rerun', 'cv2', 'numpy', 'matplotlib', 'scipy', 'pydantic')\n"

@@ -62,14 +62,14 @@ def test_two_videos_without_calibration_say_how_to_get_one(tmp_path, refused):
     assert all(way in sentence for way in ways)
 
 
-def test_parameters_in_a_pipe_are_a_line_each_and_have_their_units(shown_by, json_of):
+def test_parameters_in_a_pipe_are_a_line_each(shown_by, json_of):
     rows = [line.split("\t") for line in shown_by("params", "maps").splitlines()]
     assert {len(row) for row in rows} == {4} and ["maps.cell_m", "0.04", "m"] in [row[:3] for row in rows]
     assert json_of("params", "maps.cell_m")["maps.cell_m"]["unit"] == "m"
     assert planview.params("maps.cell_m")[0].default == "0.04"
 
 
-def test_evaluation_prints_what_papers_print_and_no_figure_twice(tmp_path, shown_by):
+def test_evaluation_prints_no_figure_twice(tmp_path, shown_by):
     rows = "".join(f"{t},{t / 10},1,1.0,{t / 10:.1f},1.7,confirmed\n" for t in range(40))
     (tmp_path / "tracks.csv").write_text("frame,timestamp_s,id,x_m,y_m,height_m,state\n" + rows)
     truth = tmp_path / "truth.csv"

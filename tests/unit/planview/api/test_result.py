@@ -29,7 +29,7 @@ def test_result_is_saved_in_the_format_of_its_name(tmp_path, name, text):
     assert (tmp_path / name).read_text() == text
 
 
-def test_cells_stand_below_each_other_and_the_last_is_wrapped(monkeypatch):
+def test_the_last_cell_of_a_row_is_wrapped(monkeypatch):
     monkeypatch.setenv("COLUMNS", "31")
     lines = aligned([("ok", "floor", "a long clause about the floor"), ("NO", "rows", "short")]).splitlines()
     assert lines == ["ok  floor  a long clause about", "           the floor", "NO  rows   short"]

@@ -39,7 +39,7 @@ def values(images: BoardImages) -> list[tuple[int, int]]:
         ("leftcamera/Im_L_1.png", "leftcamera/Im_L_2.png", "rightcamera/Im_R_1.png", "rightcamera/Im_R_2.png"),
     ],
 )
-def test_pairs_are_found_in_folders_and_by_name(names, tmp_path):
+def test_pairs_are_found_however_they_are_named(names, tmp_path):
     assert values(BoardImages(save(tmp_path, names))) == [(5, 25), (15, 35)]
 
 
@@ -103,7 +103,7 @@ def curve(t: F64) -> F64:
     return np.column_stack([1.5 * np.sin(0.5 * t) + 0.3 * np.sin(1.3 * t), 3.0 + 1.2 * np.cos(0.4 * t)])
 
 
-def test_a_walk_with_turns_gives_heading_place_and_clock():
+def test_a_walk_with_turns_aligns_two_sensors():
     first, second = both_sensors(curve(0.05 * np.arange(600)))
     found = align_rigs([first], [second], disparity_px=0.0)
     assert math.degrees(abs(found.heading_rad - TRUE.heading_rad)) < 0.5

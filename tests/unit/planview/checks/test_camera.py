@@ -40,7 +40,7 @@ def watched(frames: list[U8]) -> tuple[Standing, list[bool]]:
     return standing, [standing.update(i, 0.1 * i, (frame,)) for i, frame in enumerate(frames)]
 
 
-def test_panning_camera_has_moved_and_settles_when_it_stops():
+def test_panning_camera_settles_when_it_stops():
     frames = [window(SCENE)] * 10 + [window(SCENE, 2 * i) for i in range(20)]
     standing, stands = watched(frames)
     assert stands[:10] == [True] * 10
@@ -76,7 +76,7 @@ def test_a_short_break_is_no_cut(frames):
     assert all(watched([window(SCENE)] * 4 + [window(OTHER, i) for i in range(frames)] + [window(SCENE)] * 4)[1])
 
 
-def test_darkness_and_noise_are_no_cut():
+def test_frames_that_show_nothing_are_no_cut():
     noise = np.random.default_rng(0).integers(0, 256, (2, 20, 120, 160), np.uint8)
     frames = [*noise[0], *[np.zeros((120, 160), np.uint8)] * 20, *noise[1]]
     assert all(watched([window(SCENE)] * 4 + frames + [window(SCENE)] * 4)[1])
@@ -99,7 +99,7 @@ def test_crowd_that_fills_the_view_is_no_moving_camera():
     assert all(watched([crowd(i) for i in range(30)])[1])
 
 
-def test_camera_that_zooms_and_turns_moves():
+def test_camera_that_zooms_while_turning_moves():
     def zoomed(i: int) -> U8:
         motion = cv2.getRotationMatrix2D((80.0, 60.0), 0.5 * i, 1.0 + 0.01 * i)
         return np.asarray(cv2.warpAffine(SCENE, motion, SIZE, borderMode=cv2.BORDER_REFLECT), dtype=np.uint8)

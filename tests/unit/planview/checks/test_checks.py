@@ -62,7 +62,7 @@ def test_depth_that_stands_still_or_comes_twice_is_named_with_how_long(sides):
     assert "frozen camera" in failing(watched(images, [depths[n // 2 * 2] for n in range(FRAMES)], is_pair=False))
 
 
-def test_cameras_that_both_stand_still_while_people_walk_are_named_with_since_when_and_how_long(sides):
+def test_cameras_that_stand_still_while_people_walk_are_named(sides):
     paused = [*range(20), *[20] * 20, *range(40, FRAMES)]
     found = watched(*([side[n] for n in paused] for side in sides))["stalled camera"]
     assert not found.ok and found.value == 19
@@ -75,7 +75,7 @@ def test_an_image_that_stands_still_while_its_depth_does_not_is_named(sides):
     assert not found.ok and ": the image stands still from 2.1 to 4.0 s" in found.note
 
 
-def test_people_who_stop_and_start_again_do_not_make_cameras_stand_still(sides):
+def test_people_who_stop_do_not_make_cameras_stand_still(sides):
     stopped = [*range(20), *[20] * 20, *range(20, 40)]
     assert "stalled camera" not in failing(watched(*([side[n] for n in stopped] for side in sides)))
 
@@ -156,11 +156,17 @@ def test_lag_is_found_between_frames_within_its_deviation(late):
     assert lag.gain > SURELY
 
 
-def test_lag_of_cameras_in_step_or_of_one_burst_is_not_sure_and_without_movement_there_is_none():
+def test_cameras_in_step_have_no_lag():
     lags = [lag_of(wave(0.0, seed=seed), wave(0.01, seed=seed)) for seed in range(20)]
     assert all(abs(lag.frames) < 0.5 for lag in lags)
+
+
+def test_lag_without_movement_is_unknown():
+    assert np.isnan(lag_of(np.zeros((60, 3)), np.zeros((60, 3))).frames)
+
+
+def test_lag_of_one_burst_is_not_sure():
     left, right = np.zeros((WINDOW, 3)), np.zeros((WINDOW, 3))
-    assert np.isnan(lag_of(left[:60], right[:60]).frames)
     left[47:51], right[55:59] = 1.0, 1.0  # somebody comes into the right camera's view eight frames later
     assert not lag_of(left, right).gain > SURELY
 
@@ -255,7 +261,7 @@ def test_fault_units_of_inches(tmp_path, pairs):
 
 
 @pytest.mark.parametrize(("median_m", "ok", "failed"), [(1.7, True, False), (1.05, False, False), (2.4, False, True)])
-def test_height_that_no_adults_have_is_a_warning_with_its_cause_and_an_impossible_one_fails(median_m, ok, failed):
+def test_height_that_no_adults_have_is_a_warning_unless_impossible(median_m, ok, failed):
     check = height_check(np.full(30, median_m))
     assert (check.ok, check.failed) == (ok, failed)
     assert ("focal length, baseline or unit" in check.note) == (median_m == 1.05)
@@ -360,7 +366,7 @@ def test_unmeasured_values_fail_only_when_needed():
     assert limit_check("a", nothing, "", "", most=1.0).to_json()["value"] is None
 
 
-def test_command_prints_json_and_refuses_with_status_one(tmp_path, pairs, capsys):
+def test_command_prints_json_although_checks_fail(tmp_path, pairs, capsys):
     folder = write_toy_recording(tmp_path / "r", RIG, [(b, a) for a, b in pairs[:6]])
     with pytest.raises(SystemExit, match="1"):
         main(["check", str(folder), "--frames", "6", "--json", "--out", str(tmp_path / "pictures")])
@@ -372,7 +378,7 @@ def test_command_prints_json_and_refuses_with_status_one(tmp_path, pairs, capsys
     assert names == {"rows.png", "disparity.png", "floor.png", "exposure.png"}
 
 
-def test_the_verdict_comes_first_and_names_what_failed_before_what_is_a_warning():
+def test_the_verdict_names_what_failed_before_what_is_a_warning():
     warned = height_check(np.full(30, 1.05))
     failed = Check("valid disparity", False, 0.2, "", 0.35, "at least", "share of the picture")
     fine = Check("row offset", True, 0.1)
@@ -406,7 +412,7 @@ def test_what_is_no_recording_is_refused_or_reported(tmp_path):
     assert "expected a recording, found an empty folder" in diagnosis.checks[0].note
 
 
-def test_a_picture_over_exposed_by_a_hair_is_a_warning_and_no_refusal():
+def test_a_picture_over_exposed_by_a_hair_is_a_warning():
     image = np.full((100, 100), 100, np.uint8)
     image[:37] = 255
     over = next(check for check in light_checks([image]) if check.name == "over-exposure")

@@ -11,7 +11,7 @@ from planview.commands.console import PlainConsole, compile_notice, drawing
 LOG = logging.getLogger("planview.somewhere")
 
 
-def test_messages_of_the_library_are_lines_and_what_it_does_is_drawn_alone(capsys):
+def test_messages_of_the_library_are_lines(capsys):
     with drawing() as bar:
         LOG.debug("tracking")
         bar(3, 10)
@@ -44,7 +44,7 @@ def test_kernels_that_are_cached_are_not_announced(caplog):
 EVIL = "out\x1b]0;owned\x07\x1b[31m[bold]x[/]:car:\udcff"
 
 
-def test_console_shows_escape_codes_and_markup_of_names_as_text():
+def test_console_shows_names_as_text():
     file = io.StringIO()
     console = PlainConsole(file=file, force_terminal=True, width=200, color_system=None)
     table = Table(show_header=False, box=None)

@@ -5,12 +5,12 @@ import struct
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import h5py
 import numpy as np
 import pytest
+from full_disk import report_free_mb
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_maps import write_toy_maps
@@ -209,8 +209,7 @@ def test_a_frame_that_shows_nothing_is_replayed_as_one(maps, tmp_path):
 
 def test_writing_stops_before_the_disk_is_full(maps, tmp_path, monkeypatch):
     recording, path = MapsRecording(maps), tmp_path / "less.h5"
-    room = iter([200 << 20] * 2 + [10 << 20] * 2)
-    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=next(room)))
+    report_free_mb(monkeypatch, 200, 200, 10, 10)
     writer, first = MapsWriter(path, recording.sensor, 15.0), next(iter(recording))
     frame = replace(first, shots=(replace(first.shots[0], background=None),))
     for i in range(2 * BLOCK_FRAMES - 1):

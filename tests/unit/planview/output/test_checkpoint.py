@@ -60,9 +60,9 @@ def test_a_damaged_checkpoint_is_not_resumed_from(tmp_path, damage):
         assert checkpoint_of(tmp_path, IDENTITY) is None
 
 
-def test_a_checkpoint_of_another_configuration_is_refused_and_the_first_difference_named(tmp_path):
+def test_a_checkpoint_of_another_configuration_is_refused(tmp_path):
     write(tmp_path, 1)
-    with pytest.raises(InputError, match=r"of another configuration \(seed\)"):
+    with pytest.raises(InputError, match=r"\(seed\)"):
         checkpoint_of(tmp_path, IDENTITY | {"configuration": {"seed": 1}})
     assert difference(IDENTITY, IDENTITY) == ""
     assert difference(IDENTITY, IDENTITY | {"version": {"numpy": "9"}}) == "another version (numpy)"

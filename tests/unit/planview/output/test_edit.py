@@ -25,7 +25,7 @@ def run(tmp_path, monkeypatch) -> Path:
     return tmp_path
 
 
-def test_edits_are_applied_written_down_and_taken_back(run, cli, json_of):
+def test_edits_can_be_undone(run, cli, json_of):
     before = (run / "tracks.csv").read_bytes()
     done = {"rows_before": 40, "rows": 20, "people_before": 2, "people": 2, "left_to_undo": 1}
     assert json_of("edit", run, "--split", "1@10", "--delete", "2") == done
@@ -67,15 +67,17 @@ def test_edits_of_a_list_are_applied_in_its_order(run, cli):
     assert (set(tracks.track_id.tolist()), int(tracks.frame.max())) == ({2, 5}, 9)
 
 
-def test_nothing_to_undo_refinement_over_edits_and_unfinished_runs_are_refused(run, cli):
-    assert cli("edit", run, "--undo")[0] == 2
+def test_edited_tracks_are_not_refined(run, cli):
     cli("edit", run, "--delete", "2")
     assert "its tracks were edited" in cli("refine", run)[1]
+
+
+def test_unfinished_run_is_not_edited(run, cli):
     write_run_info(RunInfo(state="interrupted"), run / "run.json")
     assert "no finished run in it" in cli("edit", run, "--delete", "1")[1]
 
 
-def test_export_and_count_take_regions(run, cli, json_of):
+def test_regions_limit_what_is_exported_or_counted(run, cli, json_of):
     half = "POLYGON ((0 0, 1.5 0, 1.5 9, 0 9, 0 0))"
     cli("export", run, "--to", "csv", "--ignore", half, "--out", run / "other.csv")
     assert set(read_tracks(run / "other.csv").track_id.tolist()) == {2}
@@ -92,7 +94,7 @@ def folder(tmp_path) -> Path:
     return tmp_path
 
 
-def test_refine_keeps_the_online_tracks_is_recorded_and_starts_from_them_again(folder, cli):
+def test_refine_starts_from_the_online_tracks_again(folder, cli):
     online = (folder / "tracks.csv").read_text()
     assert cli("refine", folder)[0] == 0 and (folder / "tracks_online.csv").read_text() == online
     assert (folder / "tracks.csv").read_text().count("tentative") == 4
@@ -107,7 +109,7 @@ def test_refine_keeps_the_online_tracks_is_recorded_and_starts_from_them_again(f
     assert ((folder / "tracks.csv").read_text(), (folder / "tracks_online.csv").read_text()) == once
 
 
-def test_refinement_is_undone_and_undo_all_gives_the_table_of_the_tracker(folder, cli, json_of, refused):
+def test_undo_all_gives_the_table_of_the_tracker(folder, cli, json_of, refused):
     own = (folder / "tracks.csv").read_bytes()
     assert "nothing to undo" in refused("edit", folder, "--undo")
     assert json_of("refine", folder)["changes"] == {"join": 0, "smooth": 1}
@@ -145,9 +147,12 @@ def test_evaluate_takes_the_truth_of_the_runs_recording(folder, refused, json_of
     assert "has no truth.csv; add the truth file" in refused("evaluate", folder)
 
 
-def test_refine_needs_a_finished_run_and_the_online_tracks_of_a_refined_one(folder, cli, refused):
+def test_refined_run_is_refined_again_from_its_online_tracks_alone(folder, cli, refused):
     cli("refine", folder)
     (folder / "tracks_online.csv").unlink()
     assert "expected the online tracks" in refused("refine", folder)
+
+
+def test_refine_needs_a_finished_run(folder, refused):
     write_run_info(RunInfo(finished=False), folder / "run.json")
     assert "no finished run in it" in refused("refine", folder)

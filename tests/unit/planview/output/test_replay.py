@@ -61,15 +61,7 @@ def test_run_repeated_with_its_own_parameters_has_the_same_tracks(ellipses):
     assert difference_text(results, replayed, 25)[0] == "tracks are the same up to this frame"
 
 
-def test_an_edited_run_is_compared_as_the_tracker_wrote_it(ellipses):
-    (ellipses / "tracks.csv").rename(ellipses / "tracks_before.csv")
-    write_tracks(ellipses / "tracks.csv", 20)
-    results = RunFolder(ellipses)
-    replayed = replay_run(results, results.config, 25)
-    assert difference_text(results, replayed, 25)[0] == "tracks are the same up to this frame"
-
-
-def test_a_refined_and_edited_run_is_compared_as_the_tracker_wrote_it(tmp_path):
+def test_tracks_before_refinement_or_edits_are_those_of_the_tracker(tmp_path):
     for name, rows in (("tracks_online.csv", 3), ("tracks_before.csv", 2), ("tracks.csv", 1)):
         write_tracks(tmp_path / name, rows)
     for refined, rows in ((True, 3), (False, 2)):
@@ -91,15 +83,18 @@ def test_a_run_with_parts_that_its_folder_does_not_keep_is_not_replayed(ellipses
     assert f"your own {part} Mine" in refused("replay", ellipses, "--frame", 25)
 
 
-def test_command_draws_both_and_prints_what_differs(ellipses, tmp_path, shown_by):
+def test_command_draws_what_differs(ellipses, tmp_path, shown_by):
     words = ["--frame", "25", "--set", "single_camera.foreground.gaussians=2", "--out", tmp_path / "both.png"]
     assert "tracks" in shown_by("replay", ellipses, *words)
     picture = cv2.imread(str(tmp_path / "both.png"))
     assert picture.shape[0] > 2 * 480
 
 
-def test_frame_beyond_the_run_is_refused_and_a_recording_that_is_gone_named(ellipses, refused):
+def test_frame_beyond_the_run_is_refused(ellipses, refused):
     assert "expected 0 to 29" in refused("replay", ellipses, "--frame", 99)
+
+
+def test_recording_that_is_gone_is_named(ellipses):
     info = json.loads((ellipses / "run.json").read_text())
     (ellipses / "run.json").write_text(json.dumps({**info, "input": "gone", "recording": ""}))
     with pytest.raises(InputError, match="gone"):
@@ -112,9 +107,7 @@ def test_decisions_that_are_damaged_are_refused(ellipses, refused, damaged):
     assert "decisions.csv: expected" in refused("replay", ellipses, "--frame", 25)
 
 
-def test_the_usual_video_plays_in_browsers_and_has_a_picture_per_frame_at_the_rate_of_the_run(
-    street, tmp_path, shown_by
-):
+def test_the_usual_video_has_a_picture_per_frame(street, tmp_path, shown_by):
     shown_by("render", street, "--out", tmp_path / "new" / "scene.mp4", "--frames", "5:14")
     capture = cv2.VideoCapture(str(tmp_path / "new" / "scene.mp4"))
     assert int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little") == b"VP90"  # which browsers play
@@ -138,7 +131,7 @@ def test_without_a_floor_there_is_no_plan_of_it(street, tmp_path, shown_by):
     assert "Boxes: people" in page and "metres" not in page
 
 
-def test_still_shows_the_image_and_the_floor(street, tmp_path, shown_by):
+def test_still_shows_the_image_next_to_the_floor(street, tmp_path, shown_by):
     shown_by("render", street, "--frame", "4", "--out", tmp_path / "still.png", "--no-truth")
     picture = cv2.imread(str(tmp_path / "still.png"))
     assert picture.shape[1] == 640 + 360
@@ -199,7 +192,7 @@ def test_web_view_listens_on_this_machine_only(tmp_path, monkeypatch, caplog):
     assert "http://127.0.0.1:9191" in caplog.text
 
 
-def test_viewer_and_what_it_started_end_with_the_command(tmp_path):
+def test_viewer_ends_with_the_command(tmp_path):
     (tmp_path / "child.py").write_text(
         "import os, pathlib, time\n"
         "pathlib.Path(__file__).with_name('pid').write_text(str(os.getpid()))\n"
@@ -222,10 +215,13 @@ def test_viewer_and_what_it_started_end_with_the_command(tmp_path):
         time.sleep(0.05)
 
 
-def test_templates_and_foreground_are_drawn_in_pixels_of_one_image():
+def test_templates_are_drawn_side_by_side():
     tiles = {"b": np.full((3, 3), 0.5, dtype=np.float32), "a": np.full((5, 4), 200, dtype=np.uint8)}
     shown = mosaic(tiles)
     assert shown.shape == (5, 4 + 1 + 3 + 1) and (shown[0, 0], shown[0, 5], shown[4, 5]) == (200, 255, 0)
+
+
+def test_foreground_is_drawn_in_pixels_of_the_image():
     mask = np.zeros((60, 80), dtype=np.uint8)
     mask[10:30, 20:40] = 255
     strips = outlines(mask, (160, 120)).strips
@@ -247,7 +243,7 @@ def test_the_maps_show_every_shape_that_a_tracker_draws_on_the_floor():
     assert {f"plan/{name}" for name in names} <= set(MAP_LAYERS)
 
 
-def test_rerun_shows_an_arrow_where_somebody_surely_faces_and_else_a_line_without_a_head():
+def test_rerun_shows_an_arrow_where_somebody_surely_faces():
     people = [
         TrackState(number, "confirmed", 1.0, 5.0, facing_deg=90.0, facing_confidence=confidence)
         for number, confidence in ((4, 0.95), (5, 0.6), (6, math.nan))

@@ -52,7 +52,7 @@ def test_key_takes_each_folder_once_where_links_lead_back(recording):
     assert content_key(recording) != before
 
 
-def test_key_of_a_large_file_depends_on_its_first_and_last_bytes_and_size(tmp_path):
+def test_key_of_a_large_file_depends_on_its_ends(tmp_path):
     path, size = tmp_path / "left.mp4", 40 * 64 * 1024
     keys = set()
     for place in (None, 0, size - 1, size):
@@ -64,7 +64,7 @@ def test_key_of_a_large_file_depends_on_its_first_and_last_bytes_and_size(tmp_pa
     assert len(keys) == 4
 
 
-def test_companion_files_a_video_are_calibrations_and_times(tmp_path):
+def test_companion_files_of_a_video_are_those_that_describe_it(tmp_path):
     for name in ("a.mp4", "b.mp4", "calib.json", "timestamps.csv", "truth.csv", "study.toml"):
         (tmp_path / name).touch()
     assert [file.name for file in companion_files(tmp_path / "a.mp4")] == ["calib.json", "timestamps.csv"]
@@ -99,7 +99,7 @@ def test_configuration_whose_runs_all_fail_has_no_means():
     assert list(means_of([result(A, "x", None), result(B, "x", 0.5)]).index) == ["a.b=2"]
 
 
-def test_summary_has_a_row_per_run_and_a_column_per_parameter():
+def test_summary_has_a_row_per_run():
     done = JobResult("hall", Configuration(("a.b=1", "c.d=true")), 3, figures={"mota": 0.5})
     header, row = summary_csv([done]).splitlines()
     assert header.startswith("recording,a.b,c.d,seed,state,mota,idf1")
@@ -118,7 +118,7 @@ def write(folder: Path, text: str) -> Path:
     return path
 
 
-def test_study_finds_recordings_by_path_pattern_and_table(tmp_path):
+def test_study_finds_recordings_by_any_entry(tmp_path):
     for name in ("hall/a", "hall/b", "other"):
         (tmp_path / name).mkdir(parents=True)
     text = 'recordings = ["hall/*", "other", { path = "x.mp4", camera = "camera.toml", fps = 25 }]\n'
@@ -129,7 +129,7 @@ def test_study_finds_recordings_by_path_pattern_and_table(tmp_path):
     assert study.recordings[3].fps == 25
 
 
-def test_study_takes_dotted_and_quoted_parameter_names(tmp_path):
+def test_study_takes_parameter_names_as_toml_allows_them(tmp_path):
     text = 'recordings = ["a"]\n[parameters]\njoint.stay_s = [0.3]\n"maps.cell_m" = [0.02, 0.05]\n'
     study = load_study(write(tmp_path, text))
     assert study.parameters == {"joint.stay_s": [0.3], "maps.cell_m": [0.02, 0.05]}
@@ -151,7 +151,7 @@ def test_study_takes_dotted_and_quoted_parameter_names(tmp_path):
         "not toml",
     ],
 )
-def test_study_refuses_what_it_does_not_know_and_names_the_file(text, tmp_path):
+def test_study_that_cannot_be_is_refused_by_its_file(text, tmp_path):
     path = write(tmp_path, text)
     with pytest.raises(InputError) as refused:
         load_study(path)

@@ -22,7 +22,7 @@ def test_processes_are_limited_to_one_thread_of_numerical_libraries(client):
     assert done.value == "1"
 
 
-def test_task_that_fails_stops_no_other_and_has_one_sentence(client):
+def test_task_that_fails_stops_no_other(client):
     def inverse(number: float) -> float:
         if number < 0:
             raise WorkError("expected a number from 0")
@@ -34,7 +34,7 @@ def test_task_that_fails_stops_no_other_and_has_one_sentence(client):
     assert found["0"].error.startswith("unexpected ZeroDivisionError in inverse, line ")
 
 
-def test_task_that_kills_its_process_fails_and_takes_no_other_with_it(client):
+def test_task_that_kills_its_process_takes_no_other_with_it(client):
     def deadly(how: object) -> object:
         if isinstance(how, signal.Signals):
             os.kill(os.getpid(), how)

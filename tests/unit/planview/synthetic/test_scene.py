@@ -50,7 +50,7 @@ def test_scene_that_cannot_be_is_refused_in_one_sentence_naming_the_key(text, ex
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda p: p.stem)
-def test_committed_scene_loads_and_nobody_walks_through_anybody(path):
+def test_nobody_of_a_committed_scene_walks_through_anybody(path):
     scene = load_scene(path)
     steps = [step for person in scene.people for step in person.steps]
     fastest_mps = max((step.speed_mps for step in steps if isinstance(step, Walk)), default=0.0)
@@ -65,22 +65,29 @@ def test_committed_scene_loads_and_nobody_walks_through_anybody(path):
             assert not (gap < 0.38).any(), (i + 1, j + 1)
 
 
-def test_standing_body_is_exactly_as_tall_as_asked_and_sitting_lowers_the_head_by_the_thigh():
-    person = Body(ScenePerson(height_m=1.80, start_m=(0, 0)), Palette())
-    body = person.pose(Pose(), 2.0, -1.0, 0.7)
+TALL = Body(ScenePerson(height_m=1.80, start_m=(0, 0)), Palette())
+
+
+def test_standing_body_is_exactly_as_tall_as_asked():
+    body = TALL.pose(Pose(), 2.0, -1.0, 0.7)
     assert body.top_m == pytest.approx(1.80, abs=1e-5)
     assert body.head[:2] == pytest.approx([2.0, -1.0], abs=0.01)
     assert body.mesh.vertices[:, 2].min() == pytest.approx(0.0, abs=1e-5)
-    sitting = person.pose(Pose(hip=(np.pi / 2, np.pi / 2), knee=(np.pi / 2, np.pi / 2)), 0, 0, 0)
+
+
+def test_sitting_lowers_the_head_by_the_thigh():
+    sitting = TALL.pose(Pose(hip=(np.pi / 2, np.pi / 2), knee=(np.pi / 2, np.pi / 2)), 0, 0, 0)
     assert 1.80 - sitting.top_m == pytest.approx(0.245 * 1.80, abs=0.03)
 
 
-def test_body_faces_its_heading_and_swings_a_flexed_hip_forward():
-    still = Body(ScenePerson(start_m=(0, 0)), Palette())
-    raised = still.pose(Pose(hip=(1.4, 0.0), knee=(0.2, 0.0)), 0, 0, np.pi / 2)
+def test_flexed_hip_swings_forward():
+    raised = TALL.pose(Pose(hip=(1.4, 0.0), knee=(0.2, 0.0)), 0, 0, np.pi / 2)
     assert raised.mesh.vertices[:, 1].max() > 0.6  # the raised leg points along +y
     assert raised.mesh.vertices[:, 1].min() > -0.25
-    assert still.pose(Pose(lean=1.0), 0, 0, np.pi / 2).chest == pytest.approx([0, np.cos(1.0), -np.sin(1.0)])
+
+
+def test_body_faces_its_heading():
+    assert TALL.pose(Pose(lean=1.0), 0, 0, np.pi / 2).chest == pytest.approx([0, np.cos(1.0), -np.sin(1.0)])
 
 
 def walker(*steps, **values):
@@ -109,7 +116,7 @@ def test_planted_foot_does_not_slide():
     assert np.median(slid) < 0.04  # the body moves 8 cm per frame
 
 
-def test_crouching_lowers_the_head_and_a_low_bench_more_than_a_chair():
+def test_low_seats_lower_the_head_more_than_a_chair():
     seats = {n: Furniture(kind=k, name=n, at_m=(2, 0), size_m=s) for n, k, s in
              (("low", "bench", (0.45, 0.5, 0.33)), ("chair", "chair", None))}  # fmt: skip
 
@@ -134,7 +141,7 @@ WANDERERS = RIG + "".join(
 )
 
 
-def test_wanderers_keep_apart_and_another_seed_walks_elsewhere():
+def test_wanderers_keep_apart_on_walks_of_their_seed():
     scene = parse_scene("duration_s = 8\n" + WANDERERS, "w")
     once, again, other = (
         np.array([m.at(8)[0] for m in Cast(scene.model_copy(update={"seed": seed}), Palette()).motions])
@@ -144,7 +151,7 @@ def test_wanderers_keep_apart_and_another_seed_walks_elsewhere():
     assert gaps.min() > 0.45 and (once == again).all() and not np.allclose(once, other, atol=0.3)
 
 
-def test_pushed_chair_stays_where_it_was_left_and_carried_box_on_its_height():
+def test_things_stay_where_they_were_put():
     text = RIG + (
         "[[furniture]]\nkind = 'office_chair'\nname = 'c'\nat_m = [1, 1]\n"
         "[[furniture]]\nkind = 'box'\nname = 'b'\nat_m = [4, 4]\n"
@@ -229,13 +236,16 @@ def test_noise_kernel_equals_its_plain_twin():
     assert ours == pytest.approx(plain_noise(points, footprint, wavelength, 4, 77), abs=2e-4)
 
 
-def test_same_scene_gives_same_pixels_in_any_order_and_other_seed_gives_others(standing):
+def test_same_scene_gives_same_pixels_in_any_order(standing):
     first = standing.frame(7)
     again = SceneRenderer(standing.scene)
     again.frame(3)
     assert (again.frame(7).left == first.left).all() and (again.frame(7).right == first.right).all()
+
+
+def test_other_seed_gives_other_pixels(standing):
     other = SceneRenderer(standing.scene.model_copy(update={"seed": 5})).frame(7)
-    assert (other.left != first.left).any()
+    assert (other.left != standing.frame(7).left).any()
 
 
 def test_truth_is_the_place_relative_to_the_camera(standing):
@@ -285,7 +295,7 @@ def test_part_outside_the_image_counts_as_not_visible():
     assert wide.truth[0].visible == 1.0
 
 
-def test_single_camera_boxes_hold_what_shows_and_the_whole():
+def test_single_camera_boxes_hold_what_shows():
     camera = "[camera]\nwidth = 160\nheight = 120\nfocal_px = 110\nat_m = [4, 1, 2.4]\ntilt_deg = 65\n"
     screen = "[[furniture]]\nkind = 'partition'\nat_m = [4, 3]\nheading_deg = 90\n"
     scene = renderer(ROOM + camera + STANDING + screen)
@@ -323,7 +333,7 @@ def test_right_image_is_the_left_shifted_by_the_disparity_of_a_flat_floor():
     assert np.abs(frame.left[:, 8:].astype(int) - frame.right[:, :-8]).mean() > 2 * difference.mean()
 
 
-def test_sensor_noise_and_exposure_follow_the_signal():
+def test_sensor_noise_follows_the_signal():
     flat = np.full((200, 200, 3), 0.25, np.float32)
     sensor = ImageSensor(full_well_e=4000, read_noise_e=0, vignetting=0, blur_px=0, exposure=((1.0, 1.0), (1.1, 2.0)))
     model = SensorModel(sensor, (200, 200), 1.0, (3, 0))
@@ -334,7 +344,7 @@ def test_sensor_noise_and_exposure_follow_the_signal():
     assert before.std() == pytest.approx(0.0079 * 255 * 0.44 * 0.25 ** (1 / 2.4 - 1), rel=0.1)
 
 
-def test_grey_sensor_gives_one_channel_and_half_scale_the_same_truth():
+def test_half_scale_gives_the_same_truth():
     text = ROOM + "[sensor]\ngrey = true\n" + CAMERAS + STANDING
     whole, half = renderer(text), SceneRenderer(parse_scene(text, "t"), 0.5)
     assert whole.frame(0).left.shape == (120, 160) and half.frame(0).left.shape == (60, 80)

@@ -20,7 +20,7 @@ BLACK = np.zeros((480, 640, 3), np.uint8)
 
 
 @pytest.mark.asyncio
-async def test_page_shows_the_next_step_and_exports(tmp_path):
+async def test_page_shows_the_next_step(tmp_path):
     session = CalibrationSession("clip.mp4", [BLACK] * 2, [0, 5], lens="pinhole")
     async with user_simulation(root=lambda: Page(session, tmp_path)) as user:
         await user.open("/")

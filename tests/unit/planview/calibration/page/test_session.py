@@ -56,7 +56,7 @@ def solved() -> CalibrationSession:
     return session
 
 
-def test_session_turns_marked_people_into_a_camera_whose_values_have_deviations_and_a_verdict(solved):
+def test_session_turns_marked_people_into_a_camera(solved):
     assert solved.solution.found.camera.height_m == pytest.approx(3.5, rel=0.02)
     assert [s.frame for s in solved.samples] == [0, 10, 20, 0, 10, 20]
     rows = {row.name: row for row in solved.solution.rows()}
@@ -66,7 +66,7 @@ def test_session_turns_marked_people_into_a_camera_whose_values_have_deviations_
     assert assessment is not None and assessment.sentence.startswith("enough" if assessment.enough else "not enough")
 
 
-def test_session_leads_from_box_to_head_to_foot_and_to_the_people_missing():
+def test_session_leads_from_step_to_step():
     session = new_session()
     assert "3 more people" in session.message
     session.press(100, 100)
@@ -79,11 +79,14 @@ def test_session_leads_from_box_to_head_to_foot_and_to_the_people_missing():
     assert session.solution.found is None and "2 more people" in session.message
 
 
-def test_session_takes_a_slip_of_the_hand_for_no_box_and_refuses_a_head_far_from_its_box():
+def test_session_takes_a_slip_of_the_hand_for_no_box():
     session = new_session()
     session.press(100, 100)
     session.release(103, 104)
     assert session.draft.box_px is None
+
+
+def test_session_refuses_a_head_far_from_its_box():
     session = new_session()
     session.press(300, 100)
     session.release(350, 250)
@@ -103,7 +106,7 @@ def test_undo_takes_back_every_kind_of_change():
     assert session.samples == [] and not session.undo()
 
 
-def test_selected_head_is_dragged_and_nudged():
+def test_selected_head_is_moved_by_the_mouse_or_a_key():
     session = new_session(ONE)
     session.choose("select")
     session.press(131, 106)
@@ -130,14 +133,14 @@ def test_part_that_is_picked_up_moves_alone(at, to, moved):
 
 
 @pytest.mark.parametrize(("frame", "selected"), [(0, Handle(0, "whole")), (1, None)])
-def test_click_selects_people_of_the_frame_shown_and_changes_nothing(frame, selected):
+def test_click_selects_people_of_the_frame_shown(frame, selected):
     session = new_session(ONE)
     session.show(frame)
     session.choose("select")
     assert not click(session, (140.0, 180.0)) and session.selected == selected
 
 
-def test_person_asked_for_is_shown_and_selected():
+def test_person_asked_for_is_selected():
     session = new_session(HumanSample(ONE.box_px, ONE.head_px, ONE.foot_px, 20))
     session.show_sample(0)
     assert (session.shown, session.tool, session.selected) == (2, "select", Handle(0, "whole"))
@@ -168,12 +171,18 @@ def test_known_focal_length_is_kept_to(solved):
     assert session.solution.found.camera.focal_px == pytest.approx(520, rel=0.03)
 
 
-def test_session_exports_what_the_commands_read_and_samples_alone_on_request(solved, tmp_path):
+def test_session_exports_what_the_commands_read(solved, tmp_path):
     written = solved.export(tmp_path / "new")
     assert {p.name for p in written} == {"samples.json", "camera.toml"}
     assert len(read_samples(tmp_path / "new" / "samples.json")) == 6
     assert load_ground_camera(tmp_path / "new" / "camera.toml").height_m == pytest.approx(3.5, rel=0.03)
-    assert [p.name for p in solved.export(tmp_path / "alone", solution=False)] == ["samples.json"]
+
+
+def test_session_exports_samples_alone_on_request(solved, tmp_path):
+    assert [p.name for p in solved.export(tmp_path, solution=False)] == ["samples.json"]
+
+
+def test_session_without_marks_exports_nothing(tmp_path):
     with pytest.raises(InputError, match="expected marks"):
         new_session().export(tmp_path)
 
@@ -211,11 +220,14 @@ def test_page_opens_a_side_by_side_video_as_a_stereo_recording(video):
         assert session.view is not None and session.size[0] == session.view.image.shape[1]
 
 
-def test_page_takes_a_stereo_calibration_for_a_side_by_side_video_and_not_for_one_camera(video, tmp_path):
+def test_page_needs_a_stereo_calibration_for_a_side_by_side_video(video, tmp_path):
     shutil.copy(video, tmp_path)
-    with pytest.raises(InputError, match="expected a stereo calibration"):
+    with pytest.raises(InputError, match="stereo calibration"):
         open_session(tmp_path / video.name)
     assert open_session(tmp_path / video.name, video.parent / "rig.toml").view is not None
+
+
+def test_page_refuses_a_stereo_calibration_for_one_camera(tmp_path):
     shutil.copy(DEMO / "left.mp4", tmp_path / "one.mp4")
     assert open_session(tmp_path / "one.mp4").view is None
     with pytest.raises(InputError, match="needs both cameras"):
@@ -256,14 +268,17 @@ def test_points_off_the_plane_are_refused_with_their_height_once_the_others_agre
     assert fit_plane(points, LIMIT, DEPTH_STD).used.tolist() == [False, True, True, True, True, True]
 
 
-def test_points_on_a_line_are_refused_three_are_not_enough_and_four_on_a_plane_are():
+def test_points_on_a_line_are_refused():
     with pytest.raises(InputError, match="on one line"):
         fit_plane(np.array([(0.0, 2.0, z) for z in (3.0, 4.0, 5.0)]), LIMIT[:3], DEPTH_STD[:3])
+
+
+def test_four_points_on_a_plane_are_enough():
     three, four = (fit_plane(FLOOR[:n], LIMIT[:n], DEPTH_STD[:n]).assessment() for n in (3, 4))
     assert not three.enough and "fourth" in three.sentence and four.enough
 
 
-def test_four_clicks_close_together_are_not_enough_and_show_the_floor_found_without_them():
+def test_four_clicks_close_together_are_not_enough():
     close = np.array([(-0.25, 2.0, 3.0), (0.25, 2.0, 3.0), (0.25, 2.0, 3.5), (-0.25, 2.0, 3.5)])
     fit = fit_plane(close, LIMIT[:4], DEPTH_STD[:4])
     verdict = fit.assessment()

@@ -27,7 +27,7 @@ def screenshot(page: Path, width: int, *options: str) -> U8:
     return np.asarray(picture, dtype=np.uint8)
 
 
-def test_page_fits_a_phone_and_shows_pictures(street):
+def test_page_fits_a_phone(street):
     picture = screenshot(write_report(street), 500)
     assert (picture[:, -8:] == 255).all()  # nothing is wider than the page, whose border is empty
     assert (picture < 250).any(axis=2).mean() > 0.2

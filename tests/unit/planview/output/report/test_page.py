@@ -86,18 +86,22 @@ def test_report_of_a_full_run_shows_everything(tmp_path, monkeypatch, shown_by):
     assert "<b>door" not in page and "<script" not in page
 
 
-def test_report_asks_for_nothing_from_outside_and_shows_when_a_run_was_interrupted(tmp_path):
+def test_report_asks_for_nothing_from_outside(tmp_path):
     write_tracks(tmp_path)
     write_run_info(full_info(), tmp_path / "run.json")
     page = write_report(tmp_path).read_text()
     assert "http://" not in page and "https://" not in page and "interrupted" not in page
     assert set(re.findall(r'(?:src|href)="([^:"]*)', page)) == {"data"}
+
+
+def test_report_shows_when_a_run_was_interrupted(tmp_path):
+    write_tracks(tmp_path)
     write_run_info(full_info().model_copy(update={"finished": False}), tmp_path / "run.json")
     assert "interrupted" in write_report(tmp_path).read_text()
 
 
 @pytest.mark.parametrize("rows", ["", "0,0,1,,,,confirmed\n", "5,0.5,1,1,1,,tentative\n", "0,0,1,1,1,1.7,confirmed\n"])
-def test_report_survives_few_and_unknown_values(tmp_path, rows):
+def test_report_survives_values_that_are_unknown(tmp_path, rows):
     (tmp_path / "tracks.csv").write_text(HEADER + rows)
     assert "</html>" in write_report(tmp_path).read_text()
 
@@ -136,7 +140,7 @@ def test_only_settings_that_differ_from_the_defaults_are_listed():
     assert [row[:2] for row in changed_settings(config)] == [("joint.stay_s", "0.7")]
 
 
-def test_decisions_of_a_person_say_why_and_how_well_they_matched(tmp_path):
+def test_decisions_of_a_person_say_how_well_they_matched(tmp_path):
     write_tracks(tmp_path)
     matched = [f"{t},{t / 10:.4f},1,matched,score {t / 100},{t / 100},{t / 200},{t / 200},0,0" for t in range(31)]
     rows = ["0,0.0000,1,spawned,1.7 m tall,,,,,", *matched, "31,3.1,1,lost,<nothing like it>,0.9,,,,"]
@@ -146,7 +150,7 @@ def test_decisions_of_a_person_say_why_and_how_well_they_matched(tmp_path):
     assert "&lt;nothing like it&gt;" in page
 
 
-def test_run_info_survives_writing_and_reading(tmp_path):
+def test_run_info_survives_a_round_trip(tmp_path):
     write_run_info(full_info(), tmp_path / "run.json")
     assert read_run_info(tmp_path / "run.json") == full_info()
     assert json.loads((tmp_path / "run.json").read_text())["frames_read"] == 40
@@ -166,7 +170,7 @@ def test_truth_is_held_by_the_confirmed_track_within_the_gate():
     assert held_by(tracks, truth).tolist() == [3, UNHELD, UNHELD]
 
 
-def test_identities_and_true_people_are_pictured_with_errors_in_the_rows_of_their_people():
+def test_errors_are_pictured_in_the_rows_of_their_people():
     tracks = table([(frame, 3, 0.0) for frame in range(5)])
     truth = table([(frame, 7, 0.0) for frame in range(10)])
     error = SignificantError("lost", 5, 7, 3, 0.5, "visible")
@@ -180,13 +184,13 @@ def decoded(uri: str) -> U8:
     return np.asarray(cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR), dtype=np.uint8)
 
 
-def test_pictures_are_of_the_frame_asked_for_and_the_busiest(street):
+def test_pictures_are_of_the_busiest_frame(street):
     assert busiest_frame(RunFolder(street)) == 5, "the middle of who is there for a second; a flicker is nobody"
     images = {frame: int(np.median(image)) for frame, image in open_frames(RunFolder(street)).at([3, 7, 20])}
     assert images == {3: 103, 7: 107, 20: 120}
 
 
-def test_scores_are_of_these_tracks_and_not_of_a_file_that_an_earlier_run_left(street):
+def test_scores_are_of_these_tracks(street):
     (street / "evaluation.json").write_text('{"mota": 0.123, "significant_errors": {"total": 77}}')
     page = write_report(street).read_text()
     assert "0.123" not in page and ">77<" not in page
