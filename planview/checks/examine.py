@@ -9,8 +9,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from calib.errors import InputError, WorkError
 from calib.formats import load_rig
 from calib.formats.one_camera import holds_one_camera, load_one_camera
@@ -28,7 +26,7 @@ from planview.checks.images import (
     spread_checks,
     standing_checks,
 )
-from planview.checks.motion import repeated_check, still_checks
+from planview.checks.motion import liveliest, repeated_check, still_checks
 from planview.checks.scene import (
     alignment_checks,
     camera_height,
@@ -166,14 +164,8 @@ def _flicker_of_run(run: Sequence[Frame[Shot]]) -> Check:
 
 
 def _liveliest_run(recording: Recording[Any], spread: Sequence[Frame[Any]], count: int) -> list[Frame[Any]]:
-    """Consecutive frames around the one, of some spread over the recording, that differs most from the usual
-    picture."""
-    small = np.stack([frame.image[::8, ::8].reshape(-1) for frame in spread]).astype(np.float32)
-    change = (np.abs(small - np.median(small, axis=0)) > 25).mean(axis=1)
-    # A change of light changes everything: it is no movement.
-    change[change > 0.5] = 0.0
-    middle = spread[int(np.argmax(change))].index
-    first = max(0, min(middle - count // 2, recording.n_frames - count))
+    """Consecutive frames around the liveliest one of some spread over the recording."""
+    first = max(0, min(liveliest(spread).index - count // 2, recording.n_frames - count))
     return recording.at(range(first, min(first + count, recording.n_frames)))
 
 

@@ -25,8 +25,8 @@ SHAKE_DEG = 0.1
 def image_checks(frames: Sequence[Frame[Shot]]) -> list[Check]:
     """Over-exposure, under-exposure, brightness of left against right, and compression, of frames as recorded."""
     lefts, rights = zip(*(frame.images for frame in frames), strict=True)
-    left_level = _median_of(grey_mean, lefts) + 1.0
-    right_level = _median_of(grey_mean, rights) + 1.0
+    left_level = _median_of(grey_level, lefts) + 1.0
+    right_level = _median_of(grey_level, rights) + 1.0
     ratio = max(left_level, right_level) / min(left_level, right_level)
     blocks = max(_median_of(blocking, lefts), _median_of(blocking, rights))
     steps = "steps at the borders of 8x8 blocks over those inside: compress less"
@@ -72,11 +72,6 @@ def _saturated_share(image: U8) -> float:
 
 def _brightest_tenth(image: U8) -> float:
     return float(np.percentile(image[::2, ::2], 90))
-
-
-def grey_mean(image: U8) -> float:
-    """Mean level of every fourth row and column of a grey image."""
-    return float(np.mean(image[::4, ::4]))
 
 
 def grey_level(image: U8) -> float:

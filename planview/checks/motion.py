@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -207,6 +207,15 @@ class MotionWatch(Carried):
                 if part_lag.gain >= SURELY and not lag.gain >= part_lag.gain:
                     lag = part_lag
         return lag
+
+
+def liveliest(spread: Sequence[Frame[Any]]) -> Frame[Any]:
+    """The frame, of some spread over a recording, that differs most from the usual picture."""
+    small = np.stack([frame.image[::8, ::8].reshape(-1) for frame in spread]).astype(np.float32)
+    change = (np.abs(small - np.median(small, axis=0)) > 25).mean(axis=1)
+    # A change of light changes everything: it is no movement.
+    change[change > 0.5] = 0.0
+    return spread[int(np.argmax(change))]
 
 
 def moved_pixels(before: AnyArray, now: AnyArray) -> Bool:

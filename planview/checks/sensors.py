@@ -17,6 +17,7 @@ from calib.floor_camera import FloorCamera
 from calib.pose import SE3
 from calib.types import F32, F64, Bool
 from planview.checks.check import Check, limit_check
+from planview.checks.motion import liveliest
 from planview.maps.grid import Grid
 from planview.maps.plan_view import FloorPoints, accumulate
 from stereo.depth import RectifiedGeometry, back_project, median_image
@@ -144,7 +145,7 @@ class SensorsWatch(Carried):
 def watch_sensors(recording: SeveralSensors, seen: Sequence[PairFrames | DepthFrames], moments: int) -> SensorsWatch:
     """A watch of the people whom the sensors of a recording see, in some moments around that in which most moves;
     ``seen`` are frames of each spread over it."""
-    middle_s = recording.starts_s[0] + _liveliest_s(seen[0])
+    middle_s = recording.starts_s[0] + liveliest(seen[0].frames).timestamp_s
     moments_s = middle_s + EVERY_S * (np.arange(moments) - moments // 2)
     cameras = {}
     people: list[dict[str, F64]] = [{} for _ in moments_s]
@@ -166,14 +167,6 @@ def watch_sensors(recording: SeveralSensors, seen: Sequence[PairFrames | DepthFr
     for together in people:
         watch.compare({name: together.get(name, np.empty((0, 3))) for name in cameras})
     return watch
-
-
-def _liveliest_s(seen: PairFrames | DepthFrames) -> float:
-    """The time of the frame, of some spread over a recording, in which most is nearer than usual [s]."""
-    usual = median_image(seen.disparities)
-    with np.errstate(invalid="ignore"):
-        shares = [float(np.mean(disparity - usual > MOVED_PX)) for disparity in seen.disparities]
-    return seen.frames[int(np.argmax(shares))].timestamp_s
 
 
 def _points(depth: F32, geometry: RectifiedGeometry, world_SE3_left: SE3) -> FloorPoints:
