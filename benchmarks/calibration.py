@@ -113,7 +113,7 @@ def over_deviations(result: HumanCalibration, truth: GroundCamera) -> dict[str, 
     std = result.std
     return {
         "height": errors["height"] / std.height,
-        "tilt": errors["tilt"] / std.tilt_rad,
+        "tilt": math.degrees(errors["tilt"]) / std.tilt_deg,
         "focal": errors["focal"] / std.focal,
     }
 
@@ -192,22 +192,15 @@ def walker_ratios(scene: Scene) -> dict[str, float]:
     result = calibrate_from_people(samples, truth.size, independent=independent)
     feet = np.array([sample.foot_px for sample in samples])
     first, second = np.triu_indices(len(feet))
-    error_m = floor_error_m(result.camera, truth, 0.5 * (feet[first] + feet[second]))
-    return {"floor positions": error_m / result.assessment.floor_error_m, **over_deviations(result, truth)}
+    places = floor_error(result.camera, truth, 0.5 * (feet[first] + feet[second]))
+    return {"floor positions": places / result.std.from_camera, **over_deviations(result, truth)}
 
 
-def floor_error_m(found: GroundCamera, true: GroundCamera, pixels: F64) -> float:
-    """Distance of floor positions from the true ones [m], the median over (n, 2) pixels, after the best shift and turn
-    of the floor."""
-    a = found.back_project(pixels)
-    b = true.back_project(pixels)
-    on_floor = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
-    a = a[on_floor] - a[on_floor].mean(axis=0)
-    b = b[on_floor] - b[on_floor].mean(axis=0)
-    cosine = (a * b).sum()
-    sine = (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()
-    turn = np.array([[cosine, -sine], [sine, cosine]]) / np.hypot(cosine, sine)
-    return float(np.sqrt(np.median(((a @ turn.T - b) ** 2).sum(axis=1))))
+def floor_error(found: GroundCamera, true: GroundCamera, pixels: F64) -> float:
+    """Distance of floor positions from the true ones over that from the camera [1], the median over (n, 2) pixels."""
+    true_m = true.back_project(pixels)
+    off_m = found.back_project(pixels) - true_m
+    return math.sqrt(float(np.nanmedian((off_m**2).sum(axis=1) / (true_m**2).sum(axis=1))))
 
 
 def rig_rows() -> list[Row]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +31,32 @@ def distortion_k(lens: str, width: int) -> float:
     return LENS_K_320[lens] * 320.0 / width
 
 
+class CameraDeviations(NamedTuple):
+    """Standard deviations of what is known of a camera.
+
+    Attributes:
+        height, focal: of the camera's height and focal length, relative [1].
+        tilt_deg, roll_deg: of its angles [degrees].
+        relative, from_camera: of places on the floor over their distance from the camera [1]: relative to each other,
+            after the shift and turn of the floor that fit best, and from the camera.
+    """
+
+    height: float
+    tilt_deg: float
+    focal: float
+    roll_deg: float
+    relative: float
+    from_camera: float
+
+    @property
+    def sentence(self) -> str:
+        """What they mean for places on the floor."""
+        return (
+            f"places are known to {self.relative:.0%} of their distance relative to each other, to "
+            f"{self.from_camera:.0%} from the camera"
+        )
+
+
 @dataclass(frozen=True)
 class GroundCamera:
     """A ``FloorCamera`` at (0, 0, height_m) looking down along +Y, principal point at the image centre.
@@ -45,6 +72,7 @@ class GroundCamera:
         lens: class of table 2; its K is scaled to this image's width.
         roll_rad: the image's rotation about its centre, clockwise on a screen, against an upright camera's [rad]. The
             paper assumes none (section 3, assumption 3); at 25 m, 3 degrees move a floor position by a metre.
+        std: how well all of this is known; None where that is unknown.
     """
 
     width: int
@@ -54,6 +82,7 @@ class GroundCamera:
     tilt_rad: float
     lens: str = "pinhole"
     roll_rad: float = 0.0
+    std: CameraDeviations | None = None
 
     def __post_init__(self) -> None:
         if self.width < 1 or self.height < 1:
@@ -158,6 +187,11 @@ class GroundCamera:
         c = math.cos(self.tilt_rad)
         return np.stack([x, self.focal_px * s - y * c, -(self.focal_px * c + y * s)], axis=-1)
 
+    def std_m(self, x_m: float, y_m: float) -> float:
+        """Deviation of a place on the floor along each axis, since this is known no better [m]; NaN where unknown."""
+        share = math.nan if self.std is None else self.std.from_camera
+        return share * math.hypot(x_m, y_m) / math.sqrt(2)
+
     def scaled(self, width: int, height: int) -> GroundCamera:
         """The same camera at another resolution of the same field of view."""
         return replace(self, width=width, height=height, focal_px=self.focal_px * width / self.width)
@@ -165,22 +199,26 @@ class GroundCamera:
 
 def save_ground_camera(camera: GroundCamera, path: Path) -> None:
     """Write ``camera.toml``."""
-    write_whole(
-        path,
+    text = (
         "# planview camera above a floor: at (0, 0, height_m), looking along +y, tilt from straight down\n"
         f"width = {camera.width}\nheight = {camera.height}\nfocal_px = {float(camera.focal_px)!r}\n"
         f"height_m = {float(camera.height_m)!r}\ntilt_deg = {math.degrees(camera.tilt_rad)!r}\n"
-        f'lens = "{camera.lens}"\nroll_deg = {math.degrees(camera.roll_rad)!r}\n',
+        f'lens = "{camera.lens}"\nroll_deg = {math.degrees(camera.roll_rad)!r}\n'
     )
+    if camera.std is not None:
+        text += "\n[std] # standard deviations; places on the floor over their distance from the camera\n"
+        text += "".join(f"{name} = {value!r}\n" for name, value in camera.std._asdict().items())
+    write_whole(path, text)
 
 
 def load_ground_camera(path: Path) -> GroundCamera:
     """Read ``camera.toml``. Raises InputError: unreadable, keys missing or unknown, or values out of range."""
-    keys = {"width", "height", "focal_px", "height_m", "tilt_deg", "lens", "roll_deg"}
+    keys = {"width", "height", "focal_px", "height_m", "tilt_deg", "lens", "roll_deg", "std"}
     with expecting_table(path, "a camera.toml"):
         data = load_toml(path, "a camera.toml")
         if unknown := set(data) - keys:
             raise InputError(f"{path}: expected the keys {sorted(keys)}, found {sorted(unknown)[0]!r}")
+        std = data.get("std")
         return GroundCamera(
             width=int(data["width"]),
             height=int(data["height"]),
@@ -189,4 +227,5 @@ def load_ground_camera(path: Path) -> GroundCamera:
             tilt_rad=math.radians(float(data["tilt_deg"])),
             lens=str(data.get("lens", "pinhole")),
             roll_rad=math.radians(float(data.get("roll_deg", 0.0))),
+            std=std and CameraDeviations(*(float(std[name]) for name in CameraDeviations._fields)),
         )

@@ -22,7 +22,7 @@ CANNOT_RUN = {
     r"planview demo": "test_demo.py runs it",
     r"planview run my_recording --out out$": "it has been run before the others",
     r"planview check my_recording$": "tutorial.md runs it with pictures",
-    r"planview .*video\.mp4": "needs a long video of one camera: test_single_camera_run.py, test_run_kinds.py",
+    r"planview .*det\.txt": "needs the boxes of a detector: test_run_kinds.py",
     r"planview .*photos/": "needs photographs of a board: test_calibrate_commands.py",
     r"planview .*\bhall\b(?!\.)": "needs two sensors in one room: test_run_kinds.py",
     r"planview sweep": "needs many recordings or a cluster: test_sweep.py, test_sweep_cluster.py",
@@ -98,6 +98,7 @@ def main() -> int:
         shutil.copytree(ROOT / "data" / "synthetic" / "demo", demo)
         shutil.copytree(demo, place / "my_recording")
         shutil.copy(demo / "truth.csv", place)
+        shutil.copy(demo / "left.mp4", place / "video.mp4")
         (place / "rules.toml").write_text(RULES, encoding="utf-8")
         before = {command: _typed(command, place)[1] for command in (WHOLE, EVALUATED)}
         record += before.values()

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from calib.errors import WorkError
-from calib.ground_camera import LENS_K_320, GroundCamera, distortion_k
+from calib.ground_camera import LENS_K_320, CameraDeviations, GroundCamera, distortion_k
 from calib.people.fit import (
     STRETCHES,
     GroundCameraFit,
@@ -40,7 +40,7 @@ from calib.people.model import (
     prior_of,
 )
 from calib.people.samples import HumanSample, MarkedPeople, level_ends, only_boxes, refuse_bad_samples
-from calib.types import F64, Bool
+from calib.types import F64, AnyArray, Bool
 
 GRID = (14, 24, 37)
 """Focal lengths and camera heights in equal ratios, and tilts (at most 5 degrees apart) to start from."""
@@ -49,46 +49,27 @@ STARTS = 3
 MAX_ERROR = 0.25
 """Largest plausible error of the samples that fit, their median [1]: beyond it they are not standing people in an
 upright image."""
-MAX_HEIGHT_STD = 0.25
-"""Relative deviation of the height from which height and focal length count as inseparable."""
+MAX_SIZE_STD = 0.2
+"""Relative deviation of the size of people in the image up to which a camera is of use: beyond it, adults pass for
+children."""
 MAX_DISTANCE_M = 60.0
 """People are not sampled from farther away [m] (bounds the height of the camera)."""
 ODD_FROM = 3.0
 """A sample whose residuals are this many deviations is odd: not a standing person, or marked wrongly."""
 
 
-class NextSample(NamedTuple):
-    """Place where one more person would help most: its foot (u, v) [px], and the floor error expected with it [m]."""
-
-    foot_px: tuple[float, float]
-    floor_error_m: float
-
-
 class Assessment(NamedTuple):
     """Verdict on a camera from people.
 
     Attributes:
-        enough: whether floor error, height and tilt are within their limits.
-        floor_error_m: root mean square distance of floor positions from the true ones [m], the median over the region
-            between the samples' feet, after the shift and turn of the floor that fit best (they move no person against
-            another).
-        next_sample: where one more person helps most; None where none does.
+        enough: whether the camera predicts how large people are in the image.
+        next_sample: where the foot (u, v) of one more person helps most [px]; None where none does.
         sentence: all of this in words, beginning with "enough" or "not enough".
     """
 
     enough: bool
-    floor_error_m: float
-    next_sample: NextSample | None
+    next_sample: tuple[float, float] | None
     sentence: str
-
-
-class CameraDeviations(NamedTuple):
-    """Standard deviations of a camera's values: height and focal length relative [1], tilt and roll [rad]."""
-
-    height: float
-    tilt_rad: float
-    focal: float
-    roll_rad: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +77,7 @@ class HumanCalibration:
     """A camera from people, and how far to trust it.
 
     Attributes:
-        camera, model: the best one, and the person it was found with.
+        camera, model: the best one, which holds its deviations, and the person it was found with.
         error, sample_errors: weighted error E = whf Ehf + wbb Ebb (Zhang 2008), mean and (n,) per sample.
         std, assessment: deviations, whether they are enough, and where to add the next sample.
         odd: numbers of the samples that fit badly and were weighted down.
@@ -126,8 +107,7 @@ def calibrate_from_people(
     """The camera whose projected people fit at least 3 samples at different places best, its deviations and a verdict.
 
     A camera that is not known well enough is returned with an assessment that says so. Raises InputError: samples from
-    which no camera can be determined. WorkError: no camera fits them, or height and focal length cannot be separated.
-    ValueError: an unknown lens.
+    which no camera can be determined. WorkError: no camera fits them. ValueError: an unknown lens.
 
     Args:
         size: (width, height) of the image [px].
@@ -151,14 +131,14 @@ def calibrate_from_people(
         fit = with_stretches_left_out(fit, people, model, [sample.frame for sample in samples])
     errors = weighted_errors(fit.camera, fit.places_m, people.rows, model)
     _refuse_unfit(fit, errors, name)
-    std = fit.std.tolist()
+    std, assessment = assess(fit, people, model, walked)
     return HumanCalibration(
-        camera=fit.camera,
+        camera=replace(fit.camera, std=std),
         model=model,
         error=float(errors.mean()),
         sample_errors=errors,
-        std=CameraDeviations(height=std[HEIGHT], tilt_rad=std[TILT], focal=std[FOCAL], roll_rad=std[ROLL]),
-        assessment=assess(fit, people, model, walked),
+        std=std,
+        assessment=assessment,
         odd=tuple(np.flatnonzero(fit.deviations > ODD_FROM).tolist()),
         boxes_only=fit.prior.reading == "boxes",
     )
@@ -274,8 +254,7 @@ def weighted_errors(camera: GroundCamera, places_m: F64, rows: F64, model: Human
 
 
 def _refuse_unfit(fit: GroundCameraFit, errors: F64, name: str) -> None:
-    """Refuse samples most of which fit no camera, or that do not determine it; how badly the odd ones fit does not
-    matter."""
+    """Refuse samples most of which fit no camera; how badly the odd ones fit does not matter."""
     is_fit = fit.deviations <= ODD_FROM
     error = float(np.median(errors[is_fit])) if is_fit.any() else math.inf
     if error > MAX_ERROR or is_fit.mean() < 0.5:
@@ -288,52 +267,34 @@ def _refuse_unfit(fit: GroundCameraFit, errors: F64, name: str) -> None:
         actual = f"people who lean as in one turned by {roll_deg:.0f} degrees"
         causes = "blobs that are not one person each, or a camera to be turned"
         raise WorkError(f"{name}: expected an upright image, found {actual}: {causes}")
-    height_std = float(fit.std[HEIGHT])
-    if not height_std <= MAX_HEIGHT_STD:
-        problem = "camera height and focal length cannot be separated by these samples"
-        remedy = "add people nearer to and farther from the camera, or give the focal length or the camera's height"
-        raise WorkError(f"{name}: {problem} (height known to {min(height_std, 10):.0%}): {remedy}")
 
 
-FLOOR_ERROR_M = 0.35
-"""Floor error that is enough [m], and a tenth of the region in small rooms: half the distance of two people who walk
-side by side."""
-KNOWN_HEIGHT_STD = 0.06
-KNOWN_TILT_STD = math.radians(1.5)
-"""Deviations of the camera's height [1] and tilt [rad] up to which it is known well enough (half of those that three
-people give)."""
-
-
-def assess(fit: GroundCameraFit, people: MarkedPeople, model: HumanModel, walked: Bool | None = None) -> Assessment:
-    """Judge how well camera and floor are known over the region that the samples cover, and what would help most: more
-    people only where ``walked`` (height, width) is set; None for anywhere."""
+def assess(
+    fit: GroundCameraFit, people: MarkedPeople, model: HumanModel, walked: Bool | None = None
+) -> tuple[CameraDeviations, Assessment]:
+    """How well camera and floor are known over the region that the samples cover, and what would help most: more people
+    only where ``walked`` (height, width) is set; None for anywhere."""
     # (m, 2) pixels: the feet and the middles between any two of them.
     feet = people.rows[:, 6:]
     first, second = np.triu_indices(len(feet))
     middles = 0.5 * (feet[first] + feet[second])
-    advisor = _Advisor(fit, np.asarray(middles[:: max(1, len(middles) // 1000)]))
-    next_sample = advisor.next_sample(model, walked)
-    deviations = advisor.deviations(fit.covariance)
-    floor_error_m, height, tilt = deviations.tolist()
-    text = (
-        f"where people were marked, floor positions are known to {_metres_text(floor_error_m)} relative to each other, "
-        f"the camera's height to {height:.0%}, its tilt to {math.degrees(tilt):.1f} degrees"
-    )
-    if (deviations <= advisor.limits).all():
-        return Assessment(True, floor_error_m, next_sample, f"enough: {text}")
-    most = f"at most {advisor.limits[0]:.2g} m, {KNOWN_HEIGHT_STD:.0%} and {math.degrees(KNOWN_TILT_STD):g} degrees"
+    advisor = _Advisor(fit, model, np.asarray(middles[:: max(1, len(middles) // 1000)]))
+    relative, from_camera, size = advisor.deviations(fit.covariance).tolist()
+    angles = np.degrees(fit.std).tolist()
+    height, focal = fit.std[[HEIGHT, FOCAL]].tolist()
+    std = CameraDeviations(height, angles[TILT], focal, angles[ROLL], relative, from_camera)
+    next_sample = advisor.next_sample(walked)
+    known = f"the size of people in the image is known to {min(size, 1.0):.0%}"
+    if size <= MAX_SIZE_STD:
+        return std, Assessment(True, next_sample, f"enough: {known}; where people were marked, {std.sentence}")
     advice = "mark more people, at more distances"
     if fit.prior.reading == "boxes":
         advice = "mark heads and feet where they are, not at the middles of the boxes' edges"
     elif next_sample is not None:
-        u, v = next_sample.foot_px
+        u, v = next_sample
         advice = f"mark more people near pixel ({u:.0f}, {v:.0f})"
-    sentence = f"not enough: {text} ({most}); {advice}, or give focal length, field of view or camera height"
-    return Assessment(False, floor_error_m, next_sample, sentence)
-
-
-def _metres_text(metres: float) -> str:
-    return f"{metres:.2f} m" if metres < 100 else "more than 100 m"
+    sentence = f"not enough: {known} (at most {MAX_SIZE_STD:.0%}); {advice}, or give focal length and camera height"
+    return std, Assessment(False, next_sample, sentence)
 
 
 _TURNS_RAD = np.deg2rad([[-89.0, -44.0], [89.0, 44.0]])
@@ -341,59 +302,63 @@ _TURNS_RAD = np.deg2rad([[-89.0, -44.0], [89.0, 44.0]])
 
 
 class _Advisor:
-    """Finds where another person would make the camera most certain; ``limits``: (3,) largest ``deviations`` that are
-    enough."""
+    """Finds how certain the camera is, and what would make it more so: another person, or a given value."""
 
-    def __init__(self, fit: GroundCameraFit, pixels: F64) -> None:
-        """Prepare; floor positions are judged at (n, 2) pixels, without the rigid motion that moves all alike."""
-        floor = fit.camera.back_project(pixels)
-        on_floor = np.isfinite(floor).all(axis=1)
+    def __init__(self, fit: GroundCameraFit, model: HumanModel, pixels: F64) -> None:
+        """Prepare; floor positions are judged at (n, 2) pixels."""
         self.fit = fit
-        self._pixels = pixels[on_floor]
-        self._floor = floor[on_floor]
-        region_m = 0.0
-        if on_floor.any():
-            low, high = np.quantile(self._floor, (0.05, 0.95), axis=0)
-            region_m = float(np.hypot(*(high - low)))
-        self.limits = np.array([min(FLOOR_ERROR_M, 0.1 * region_m), KNOWN_HEIGHT_STD, KNOWN_TILT_STD])
-        x, y = (self._floor - self._floor.mean(axis=0)).T
-        one = np.ones(len(x))
-        zero = np.zeros(len(x))
-        # Derivatives of x and y of every place by shifts along x and y, and by a turn.
-        of_x = np.column_stack([one, zero, -y])
-        of_y = np.column_stack([zero, one, x])
-        self._rigid = np.linalg.qr(np.stack([of_x, of_y], axis=1).reshape(-1, 3))[0]
+        self._model = model
+        self._pixels = pixels[np.isfinite(fit.camera.back_project(pixels)).all(axis=1)]
+        self._places, self._rows = self._candidates()
 
     def deviations(self, covariance: F64) -> F64:
-        """(3,) deviations of floor positions relative to each other, as distances [m], the median over the pixels, of
-        camera height [1] and tilt [rad].
+        """(3,) deviations, medians: of floor positions over their distance from the camera, relative to each other and
+        from the camera, and of the size of people all over the image [1].
 
         Far places move more than in proportion, so that cameras away from the fit are tried: the points of the
         unscented transform (Julier and Uhlmann 1997).
         """
-        height_std, tilt_std = np.sqrt(covariance.diagonal()[[HEIGHT, TILT]])
-        if not np.isfinite(covariance).all() or not len(self._floor):
-            return np.array([math.inf, height_std, tilt_std])
+        if not np.isfinite(covariance).all() or not self._pixels.size or not self._places.size:
+            return np.full(3, math.inf)
         squares, axes = np.linalg.eigh(covariance[:N_CAMERA, :N_CAMERA])
         steps = np.zeros((N_CAMERA, N_SHARED))
         steps[:, :N_CAMERA] = (axes * np.sqrt(N_CAMERA * np.maximum(squares, 0.0))).T
-        total = np.zeros(len(self._floor))
+        relative = np.zeros(len(self._pixels))
+        from_camera = np.zeros(len(self._pixels))
+        size = np.zeros(len(self._places))
+        floor = self._floor(self.fit.camera)
+        arms = floor - floor.mean()
+        sizes = self._log_sizes(self.fit.camera)
         for step in (*steps, *-steps):
             shared = self.fit.shared + step
             shared[[TILT, ROLL]] = np.clip(shared[[TILT, ROLL]], *_TURNS_RAD)
-            moved = shared_camera(shared, self.fit.camera).back_project(self._pixels)
-            off = np.nan_to_num(moved - self._floor).ravel()
-            off -= self._rigid @ (self._rigid.T @ off)
-            total += (off.reshape(-1, 2) ** 2).sum(axis=1)
-        floor_std = math.sqrt(float(np.median(total)) / len(steps))
-        return np.array([floor_std, height_std, tilt_std])
+            camera = shared_camera(shared, self.fit.camera)
+            off = np.nan_to_num(self._floor(camera) - floor)
+            from_camera += np.abs(off) ** 2
+            off -= off.mean()
+            turn_rad = (arms.conj() * off).imag.sum() / np.vdot(arms, arms).real
+            relative += np.abs(off - 1j * turn_rad * arms) ** 2
+            size += np.nan_to_num(self._log_sizes(camera) - sizes, nan=1.0) ** 2
+        squared_m = np.abs(floor) ** 2
+        medians = [np.median(relative / squared_m), np.median(from_camera / squared_m), np.median(size)]
+        return np.sqrt(np.array(medians) / len(steps))
 
-    def next_sample(self, model: HumanModel, walked: Bool | None) -> NextSample | None:
-        """The place where one more person brings the deviations nearest to their limits."""
+    def _floor(self, camera: GroundCamera) -> AnyArray:
+        """(n,) places on the floor that a camera shows at the pixels, x + iy [m]."""
+        return camera.back_project(self._pixels) @ [1.0, 1j]
+
+    def _log_sizes(self, camera: GroundCamera) -> F64:
+        """(n,) logarithms of how large a camera shows people with their feet at the pixels of the candidates."""
+        boxes = self._model.boxes(camera, camera.back_project(self._rows[:, 6:]))
+        return np.asarray(np.log(np.maximum(np.hypot(boxes[:, 2], boxes[:, 3]), 1e-3)))
+
+    def next_sample(self, walked: Bool | None) -> tuple[float, float] | None:
+        """The place where one more person makes places best known from the camera."""
         fit = self.fit
         if not np.isfinite(fit.covariance).all():
             return None
-        places, rows = self._candidates(model)
+        places = self._places
+        rows = self._rows
         if walked is not None:
             u, v = rows[:, 6:8].round().astype(int).T
             is_walked = walked[v.clip(0, walked.shape[0] - 1), u.clip(0, walked.shape[1] - 1)]
@@ -401,12 +366,15 @@ class _Advisor:
             rows = rows[is_walked]
         if not len(places):
             return None
-        gains = self._information(model, places, rows)
-        after = np.array([self._after(gain) for gain in gains])
-        best = int(np.argmin((after / self.limits).max(axis=1)))
-        return NextSample((float(rows[best, 6]), float(rows[best, 7])), float(after[best, 0]))
+        known = np.linalg.inv(fit.covariance)
+        after = [
+            self.deviations(np.linalg.inv(known + gain).astype(np.float64))[1]
+            for gain in self._information(places, rows)
+        ]
+        best = int(np.argmin(after))
+        return float(rows[best, 6]), float(rows[best, 7])
 
-    def _candidates(self, model: HumanModel) -> tuple[F64, F64]:
+    def _candidates(self) -> tuple[F64, F64]:
         """Places [m] all over the image, 13 across and 10 down, where a whole person would be, and their rows."""
         fit = self.fit
         camera = fit.camera
@@ -416,18 +384,18 @@ class _Advisor:
         places = places[np.isfinite(places).all(axis=1)]
         size = np.full(len(places), math.exp(fit.shared[STATURE]))
         width = np.full(len(places), math.exp(fit.shared[GIRTH]))
-        rows = predict(camera, body_points(model), places, np.zeros_like(places), size, width, fit.prior)
+        rows = predict(camera, body_points(self._model), places, np.zeros_like(places), size, width, fit.prior)
         is_inside = (rows[:, :2] >= 0).all(axis=1) & (rows[:, 2:4] < np.array(camera.size)).all(axis=1)
         # A person lower than this in the image carries no information [px].
         is_inside &= np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1]) >= 20.0
         return places[is_inside], rows[is_inside]
 
-    def _information(self, model: HumanModel, places: F64, rows: F64) -> F64:
+    def _information(self, places: F64, rows: F64) -> F64:
         """(k, N_SHARED, N_SHARED) information of each of k people on the shared unknowns, its place being free."""
         n = len(rows)
         people = MarkedPeople(rows, np.ones(n), np.full(n, PERSON_STD), np.zeros(n, np.bool_))
         values = np.append(self.fit.shared, places)
-        jacobian = Residuals(self.fit.camera, people, model, self.fit.prior, values, 1.0).jacobian(values)
+        jacobian = Residuals(self.fit.camera, people, self._model, self.fit.prior, values, 1.0).jacobian(values)
         blocks = jacobian[: 8 * n].reshape(n, 8, -1)
         by_shared = blocks[..., :N_SHARED]
         numbers = np.arange(n)
@@ -436,8 +404,3 @@ class _Advisor:
         place_change = np.linalg.solve(transposed @ by_place + 1e-12 * np.eye(2), transposed @ by_shared)
         left_over = by_shared - by_place @ place_change
         return np.asarray(left_over.transpose(0, 2, 1) @ left_over)
-
-    def _after(self, gain: F64) -> F64:
-        """``deviations`` with further information."""
-        information = np.linalg.inv(self.fit.covariance) + gain
-        return self.deviations(np.linalg.inv(information).astype(np.float64))

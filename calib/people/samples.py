@@ -111,14 +111,6 @@ def refuse_bad_samples(samples: Sequence[HumanSample], size: tuple[int, int], na
         if max(-left, -top, over_right, over_bottom) > slack:
             actual = f"sample {number} at ({left:g}, {top:g}) of {box_width:g}x{box_height:g} (wrong image size?)"
             raise InputError(f"{name}: expected boxes inside the image of {width}x{height}, found {actual}")
-    feet = np.array([s.foot_px for s in samples])
-    spread = float(np.hypot(*np.ptp(feet, axis=0)))
-    typical = float(np.median([s.diagonal_px for s in samples]))
-    if spread < 0.5 * typical:
-        raise InputError(
-            f"{name}: expected samples spread over the image, found all feet within {spread:.0f} px where people are "
-            f"{typical:.0f} px large: from one place camera height and focal length cannot be separated"
-        )
 
 
 def only_boxes(rows: F64) -> bool:

@@ -143,7 +143,6 @@ def human(
     field: float | None = None,
     camera_height: float | None = None,
     count: int = 50,
-    rough: bool = False,
     fps: float | None = None,
     progress: Progress = unseen,
 ) -> Result[HumanCalibration]:
@@ -163,8 +162,7 @@ def human(
         image_size: WxH of the image that the samples were taken in. Not needed with a video, nor with a JSON that holds
             it as "image_size": [width, height].
         lens: pinhole, normal, normal-wide, fisheye or black-corner-fisheye; all are tried when not given.
-        out: camera.toml to write, if the camera is known well enough; next to it a picture (.png) and, with ``auto``,
-            the samples.
+        out: camera.toml to write, with the deviations; next to it a picture (.png) and, with ``auto``, the samples.
         frames: Video that the samples come from: its frames are the picture's background.
         auto: Collect the samples from a video of people walking by.
         person_height: Mean height of the people in the samples with shoes, where it is known [m]; 1.76 is assumed
@@ -174,7 +172,6 @@ def human(
             EXIF.
         camera_height: Height of the camera above the floor, where it is known [m].
         count: How many samples ``auto`` takes.
-        rough: Write a camera that is not known well enough, too, instead of failing.
         fps: Frames per second, where times are missing or wrong.
         progress: Called after every frame of a video.
 
@@ -183,7 +180,7 @@ def human(
 
     Raises:
         InputError: samples or a video that cannot be read, or values that exclude each other.
-        WorkError: too few people were found, or the camera is not known well enough.
+        WorkError: too few people were found, or they do not determine how large people are in the image.
     """
     if lens is not None:
         one_of("lens", lens, LENS_K_320)
@@ -206,8 +203,8 @@ def human(
     refuse_bad_samples(taken, size, str(path))
     log.info("fitting a camera to %d sightings of people: half a minute for 50", len(taken))
     found = calibrate_from_people(taken, size, lens, known=known, independent=independent, name=str(path))
-    if not (found.assessment.enough or rough):
-        raise WorkError(f"{path}: {found.assessment.sentence}; the camera was not written", remedy="rough=True")
+    if not found.assessment.enough:
+        raise WorkError(f"{path}: {found.assessment.sentence}; the camera was not written")
     picture = file.with_suffix(".png")
     with writing(file):
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -219,10 +216,11 @@ def human(
     std = found.std
     values = plain_values(camera, "height_m", "tilt_rad", "roll_rad", "focal_px", "lens")
     values |= {"height_std_m": std.height * camera.height_m, "focal_std_px": std.focal * camera.focal_px}
-    values |= {"tilt_std_deg": math.degrees(std.tilt_rad), "roll_std_deg": math.degrees(std.roll_rad)}
-    values |= plain_values(found.assessment, "enough", "floor_error_m", "sentence")
+    values |= {"tilt_std_deg": std.tilt_deg, "roll_std_deg": std.roll_deg}
+    values |= {"relative_std": std.relative, "from_camera_std": std.from_camera}
+    values |= plain_values(found.assessment, "enough", "sentence")
     if found.assessment.next_sample is not None:
-        values["next_sample_px"] = found.assessment.next_sample.foot_px
+        values["next_sample_px"] = found.assessment.next_sample
     values |= plain_values(found, "error", "boxes_only")
     values |= {"samples": len(taken), "odd_samples": [number + 1 for number in found.odd]}
     return Result(found, values, files=[file, picture])

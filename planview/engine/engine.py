@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from calib.carried import Carried, plain, restored
 from calib.errors import InputError
+from calib.ground_camera import GroundCamera
 from calib.times import unusable_time
 from calib.types import F32
 from planview.checks.check import Check
@@ -237,12 +238,15 @@ class Engine:
         views = tuple(sensor.look(each, frame, clock) for sensor, each in zip(self.sensors, measured, strict=True))
         observation = self._observation(frame, views)
         people = track_frame(self.tracker, observation)
+        if isinstance(self.camera, GroundCamera):
+            people = tuple(replace(person, std_m=self.camera.std_m(person.x_m, person.y_m)) for person in people)
+        decisions = self.tracker.decisions
         for sensor, view in zip(self.sensors, views, strict=True):
-            sensor.protect(people, view, self.tracker.decisions)
+            sensor.protect(people, view, decisions)
         clock.record("track")
         self._last_s = frame.timestamp_s
-        at = frame.index, frame.timestamp_s
-        return FrameResult(*at, people, self.tracker.decisions, observation, clock, (*self.rigs.values(),))
+        rigs = (*self.rigs.values(),)
+        return FrameResult(frame.index, frame.timestamp_s, people, decisions, observation, clock, rigs)
 
     def _observation(self, frame: Frame[Any], views: tuple[View, ...]) -> Observation:
         if not self.rigs:

@@ -8,7 +8,7 @@ from functools import singledispatch
 from typing import TYPE_CHECKING
 
 import numpy as np
-from pydantic import AliasChoices, BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from calib.floor_camera import FloorCamera, FloorPinhole
 from calib.ground_camera import GroundCamera
@@ -72,7 +72,7 @@ class CameraInfo(InfoPart):
     calibration: str | None = None
     """File or folder the calibration came from."""
     correction: str | None = None
-    """How the recording corrects that calibration, in a sentence; None where that was not looked at."""
+    """How the recording corrects that calibration, or how well it is known; None where that was not looked at."""
     vertical_residual_px: float | None = None
     """Median row offset that the corrected calibration leaves [px]."""
     view_m: list[tuple[float, float]] = Field(default_factory=list)
@@ -81,7 +81,7 @@ class CameraInfo(InfoPart):
     """Of a rig among several."""
     at_m: tuple[float, float] = (0.0, 0.0)
     """Where on the floor the camera is, world frame (x, y) [m]."""
-    sensors: list[CameraInfo] = Field(default_factory=list, validation_alias=AliasChoices("sensors", "heads"))
+    sensors: list[CameraInfo] = Field(default_factory=list)
     """All cameras of a recording with several rigs, the first one included."""
 
 
@@ -101,10 +101,15 @@ def camera_info(camera: FloorCamera | None, rigs: Mapping[str, FloorRig]) -> Cam
 
 @camera_info.register(GroundCamera)
 def _one_camera_info(camera: GroundCamera, _rigs: Mapping[str, FloorRig]) -> CameraInfo:
-    # The view ends where a person of 1.7 m is so high in the image [px] (our choice).
-    view_m = _outline(camera, max(VIEW_DISTANCE_M, 1.7 * camera.focal_px / 20.0))
-    width, height = camera.size
-    return CameraInfo(width=width, height=height, focal_px=camera.focal_px, lens=camera.lens, view_m=view_m)
+    return CameraInfo(
+        width=camera.width,
+        height=camera.height,
+        focal_px=camera.focal_px,
+        lens=camera.lens,
+        correction=camera.std and camera.std.sentence,
+        # The view ends where a person of 1.7 m is so high in the image [px] (our choice).
+        view_m=_outline(camera, max(VIEW_DISTANCE_M, 1.7 * camera.focal_px / 20.0)),
+    )
 
 
 def _rig_info(rig: FloorRig) -> CameraInfo:
@@ -146,9 +151,12 @@ def floor_info(camera: FloorCamera | None, rigs: Mapping[str, FloorRig], source:
 
 @floor_info.register(GroundCamera)
 def _one_camera_floor_info(camera: GroundCamera, _rigs: Mapping[str, FloorRig], source: str) -> FloorInfo:
-    tilt_deg = math.degrees(camera.tilt_rad)
-    roll_deg = math.degrees(camera.roll_rad)
-    return FloorInfo(height_m=camera.height_m, tilt_deg=tilt_deg, roll_deg=roll_deg, source=source)
+    return FloorInfo(
+        height_m=camera.height_m,
+        tilt_deg=math.degrees(camera.tilt_rad),
+        roll_deg=math.degrees(camera.roll_rad),
+        source=source,
+    )
 
 
 def camera_of(rig: CameraInfo, floor: FloorInfo) -> FloorCamera | None:
@@ -156,9 +164,15 @@ def camera_of(rig: CameraInfo, floor: FloorInfo) -> FloorCamera | None:
     if rig.focal_px is None:
         return None
     if floor.world_SE3_left is None:
-        tilt = math.radians(floor.tilt_deg)
-        roll = math.radians(floor.roll_deg)
-        return GroundCamera(rig.width, rig.height, rig.focal_px, floor.height_m, tilt, rig.lens or "pinhole", roll)
+        return GroundCamera(
+            rig.width,
+            rig.height,
+            rig.focal_px,
+            floor.height_m,
+            math.radians(floor.tilt_deg),
+            rig.lens or "pinhole",
+            math.radians(floor.roll_deg),
+        )
     if rig.center_px is None or rig.focal_v_px is None:
         return None
     (u, v), pose = rig.center_px, SE3.from_matrix(floor.world_SE3_left)
@@ -172,7 +186,7 @@ def _outline(camera: FloorCamera, reach_m: float) -> list[tuple[float, float]]:
     A ray that meets it beyond, or points above the horizon, stands for the floor in its direction.
     """
     (w, h), t = (n - 1 for n in camera.size), np.linspace(0.0, 1.0, 16, endpoint=False)
-    zeros = np.zeros(len(t))
+    zeros = 0.0 * t
     sides = [(t * w, zeros), (zeros + w, t * h), (w - t * w, zeros + h), (zeros, h - t * h)]
     rays = camera.rays(np.concatenate([np.column_stack(side) for side in sides]))
     centre = camera.centre_m

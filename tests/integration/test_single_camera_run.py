@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -9,9 +10,10 @@ import numpy as np
 import pytest
 from toy_recordings import write_frames
 
-from calib.ground_camera import GroundCamera, save_ground_camera
+from calib.ground_camera import CameraDeviations, GroundCamera, load_ground_camera, save_ground_camera
 from calib.types import U8
 from planview.output.folder import RunInfo, read_run_info
+from planview.trajectories.table import read_tracks
 
 CLOTHES = (40, 40, 200)
 
@@ -85,6 +87,17 @@ def test_clip_without_motion_gives_no_people(run, tmp_path):
     info, printed = run(lambda i: np.full((120, 160, 3), 90, np.uint8), 20)
     assert "nothing of a person's size moved in 20 frames" in printed and info.remark.startswith("nothing")
     assert len((tmp_path / "out" / "tracks.csv").read_text().splitlines()) == 1
+
+
+def test_deviations_of_the_camera_are_printed_and_in_the_tracks(cli, tmp_path):
+    clip = write_clip(tmp_path / "clip.avi", there_throughout, 60)
+    known = replace(load_ground_camera(camera(tmp_path)), std=CameraDeviations(0.1, 1.5, 0.12, 1.0, 0.02, 0.1))
+    file = tmp_path / "camera.toml"
+    save_ground_camera(known, file)
+    _, printed = cli("run", clip, "--tracker", "human-model", "--camera", file, "--out", tmp_path / "out")
+    tracks = read_tracks(tmp_path / "out" / "tracks.csv")
+    assert "to 10% from the camera" in " ".join(printed.split())
+    np.testing.assert_allclose(tracks.std_m, 0.1 * np.hypot(tracks.x_m, tracks.y_m) / math.sqrt(2), atol=1e-3)
 
 
 def test_camera_for_another_image_size_is_refused(refused, tmp_path):

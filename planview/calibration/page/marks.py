@@ -228,10 +228,10 @@ class Solution:
         camera = self.found.camera
         std = self.found.std
         return [
-            *_rows(camera, (std.height * camera.height_m, std.tilt_rad, std.roll_rad)),
+            *_rows(camera, (std.height * camera.height_m, *np.radians([std.tilt_deg, std.roll_deg]))),
             ValueRow("focal length", f"{camera.focal_px:.0f} px", f"± {std.focal * camera.focal_px:.0f} px"),
             ValueRow("lens", camera.lens, ""),
-            ValueRow("floor positions", "", f"± {self.found.assessment.floor_error_m:.2f} m"),
+            ValueRow("places on the floor, of their distance", "", f"± {std.from_camera:.0%}"),
         ]
 
     def assessment(self) -> Assessed | None:

@@ -39,8 +39,8 @@ def overlay(session: CalibrationSession, everywhere: bool = False) -> str:
 
         people = [(hull(xy), "crowd") for xy in crowd(found.camera, found.model)] if everywhere else []
         people += [(hull(found.camera.back_project(s.foot_px)), "model") for _, s in session.here()]
-        if found.assessment.next_sample is not None and not found.assessment.enough:
-            foot = found.assessment.next_sample.foot_px
+        foot = found.assessment.next_sample
+        if foot is not None:
             place = {"foot": foot, "hull": hull(found.camera.back_project(foot))}
     return _TEMPLATE.render(
         grid=_grid(session), people=people, next=place, samples=_samples(session), draft=session.draft,

@@ -15,7 +15,7 @@ from calib.errors import InputError
 from calib.floor_camera import FloorPinhole
 from calib.formats import base
 from calib.formats.one_camera import holds_one_camera, load_one_camera, load_tsai
-from calib.ground_camera import LENS_K_320, GroundCamera, load_ground_camera, save_ground_camera
+from calib.ground_camera import LENS_K_320, CameraDeviations, GroundCamera, load_ground_camera, save_ground_camera
 from calib.pose import SE3
 from calib.rig import Floor, world_from_plane
 from calib.world import RigEntry, load_rigs, load_world, save_rigs, save_world
@@ -129,6 +129,17 @@ def test_ground_camera_on_its_side_is_refused(camera_file):
     camera_file.write_text(re.sub("roll_deg = .*", "roll_deg = 90", camera_file.read_text()))
     with pytest.raises(InputError, match="roll"):
         load_ground_camera(camera_file)
+
+
+def test_deviations_of_a_camera_are_read_as_written_and_grow_with_the_distance_of_a_place(tmp_path):
+    std = CameraDeviations(0.1, 1.5, 0.12, 1.0, 0.02, 0.1)
+    camera = GroundCamera(640, 480, 500.0, 4.0, 1.0, std=std)
+    save_ground_camera(camera, tmp_path / "camera.toml")
+    again = load_ground_camera(tmp_path / "camera.toml")
+    assert again.std == std and std.sentence.endswith(
+        "to 2% of their distance relative to each other, to 10% from the camera"
+    )
+    assert again.std_m(6.0, 8.0) == pytest.approx(1.0 / math.sqrt(2))
 
 
 NORTH = RigEntry("north", SE3.from_rotvec([2.0, 0.1, 0.2], [0.0, 0.0, 2.4]))

@@ -22,7 +22,6 @@ from planview.tracking.human_model.model_map import (
     visible_fraction,
 )
 from tests.people import standing_people
-from tests.reference.human_error import weighted_error
 
 OBLIQUE = GroundCamera(160, 120, 150.0, 4.0, math.radians(60))
 OVERHEAD = GroundCamera(160, 120, 100.0, 4.0, 0.0)
@@ -129,14 +128,14 @@ CAMERAS = {
 }
 
 
-@pytest.mark.parametrize("name", CAMERAS)
-def test_error_of_each_sample_is_the_weighted_formula(name):
-    camera, samples = CAMERAS[name], standing_people(CAMERAS[name], 4, seed=4)
-    moved = [replace(s, box_px=(s.box_px[0] + 5, s.box_px[1] - 3, *s.box_px[2:])) for s in samples]
-    places = camera.back_project(np.array([s.foot_px for s in samples]))
-    expected = [weighted_error(camera, s, xy) for s, xy in zip(moved, places, strict=True)]
-    found = weighted_errors(camera, places, np.stack([s.row() for s in moved]), HumanModel())
-    np.testing.assert_allclose(found, expected, rtol=1e-6)
+def test_error_of_a_sample_is_how_far_its_ends_are_off_over_the_radius_of_its_box():
+    sample = standing_people(OBLIQUE, 1)[0]
+    places = OBLIQUE.back_project([sample.foot_px])
+    moved = np.add(sample.row(), [0, 0, 0, 0, 3, 0, 3, 0])
+    width, height = sample.box_px[2:]
+    length_share = math.dist(sample.head_px, sample.foot_px) / math.hypot(width, height)
+    expected = length_share * 3.0 / math.sqrt(width * height / math.pi)
+    assert weighted_errors(OBLIQUE, places, moved[None], HumanModel()) == pytest.approx(expected, rel=1e-6)
 
 
 def camera_errors(camera: GroundCamera, truth: GroundCamera) -> F64:
@@ -156,7 +155,8 @@ def test_calibration_is_exact_without_noise(truth):
 @pytest.mark.parametrize("truth", CAMERAS.values(), ids=CAMERAS)
 def test_calibration_from_noisy_samples_is_within_its_deviation(truth):
     found = calibrate_from_people(standing_people(truth, 12, 2, 2.0), truth.size, truth.lens)
-    limits = 3 * np.array(found.std[:3]) + (0.005, 0.002, 0.005)
+    std = (found.std.height, math.radians(found.std.tilt_deg), found.std.focal)
+    limits = 3 * np.array(std) + (0.005, 0.002, 0.005)
     assert (camera_errors(found.camera, truth) < limits).all()
 
 
@@ -171,10 +171,9 @@ def test_roll_is_found():
     ("people", "size", "message"),
     [
         (standing_people(CAMERAS["oblique"], 2), (640, 480), "found 2"),
-        (standing_people(CAMERAS["oblique"], 1) * 5, (640, 480), "cannot be separated"),
         (standing_people(CAMERAS["oblique"], 8), (320, 240), "wrong image size"),
     ],
-    ids=["too few", "one place", "another image size"],
+    ids=["too few", "another image size"],
 )
 def test_calibration_refuses_samples_that_determine_no_camera(people, size, message):
     with pytest.raises(InputError, match=message):
@@ -185,7 +184,7 @@ def test_calibration_refuses_boxes_that_no_person_has():
     places = [(60, 60), (300, 200), (500, 60), (60, 330)]
     up = [HumanSample((x, y, 30, 120), (x + 14, y + 2), (x + 16, y + 117)) for x, y in places]
     down = [HumanSample((x + 40, y, 60, 60), (x + 44, y + 57), (x + 96, y + 2)) for x, y in places]
-    with pytest.raises(WorkError, match=r"no camera fits|cannot be separated"):
+    with pytest.raises(WorkError, match="no camera fits"):
         calibrate_from_people(up + down, (640, 480), "pinhole")
 
 
@@ -261,19 +260,10 @@ def seen_in_the_street(count: int, seed: int, noise_px: float = 2.0, **known) ->
     return calibrate_from_people(people, STREET.size, "pinhole", known=KnownValues(**known))
 
 
-def test_known_focal_length_makes_a_poor_set_enough():
+def test_known_focal_length_makes_places_better_known():
     alone, printed = seen_in_the_street(8, seed=0), seen_in_the_street(8, seed=0, focal_px=740.0)
-    assert not alone.assessment.enough and alone.assessment.sentence.startswith("not enough: ")
-    assert "give focal length" in alone.assessment.sentence and printed.assessment.enough
     assert printed.camera.focal_px == pytest.approx(740.0, rel=0.03)
-    assert printed.assessment.floor_error_m < alone.assessment.floor_error_m
-
-
-def test_few_people_are_not_enough_although_the_floor_between_them_is_known():
-    camera = CAMERAS["oblique"]
-    verdict = calibrate_from_people(standing_people(camera, 3, 2, 4.0), camera.size, camera.lens).assessment
-    assert not verdict.enough and verdict.floor_error_m < 0.5
-    assert "the camera's height to" in verdict.sentence and "its tilt to" in verdict.sentence
+    assert printed.std.from_camera < 0.5 * alone.std.from_camera
 
 
 def test_field_of_view_is_a_focal_length():
@@ -303,9 +293,8 @@ def assess(first: int, last: int) -> Assessment:
 @pytest.mark.parametrize(("first", "last"), [(0, 480), (0, 200), (200, 480)], ids=["everywhere", "left", "right"])
 def test_next_sample_lies_where_something_moved(first, last):
     assessment = assess(first, last)
-    u, v = assessment.next_sample.foot_px
+    u, v = assessment.next_sample
     assert first - 1 <= u < last + 1 and 0 <= v < 360
-    assert assessment.next_sample.floor_error_m < assessment.floor_error_m
 
 
 def test_no_next_sample_is_proposed_where_nothing_moved():

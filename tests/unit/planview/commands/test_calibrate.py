@@ -94,17 +94,18 @@ def test_camera_is_written_for_the_image_size_of_the_file(people, json_of):
     out = people.parent / "out" / "camera.toml"
     printed = json_of(*HUMAN, people, "--lens", "normal-wide", "--out", out)
     camera = load_ground_camera(out)
+    assert camera.std is not None and camera.std.from_camera == printed["from_camera_std"]
     assert camera.size == (640, 480) and printed["height_m"] == camera.height_m == pytest.approx(4.0, rel=0.01)
     assert sorted(p.name for p in out.parent.iterdir()) == ["camera.png", "camera.toml"]
 
 
-def test_a_camera_that_is_not_known_well_enough_is_written_only_when_that_is_wanted(tmp_path, cli):
-    people, out = tmp_path / "people.json", tmp_path / "camera.toml"
-    write_samples(standing_people(GROUND_CAMERA, 3, 2, 4.0), people, GROUND_CAMERA.size)
-    status, printed = cli(*HUMAN, people, "--lens", "normal-wide", "--out", out)
-    assert status == 1 and "not enough: " in printed and "--rough" in printed
+def test_camera_that_does_not_predict_how_large_people_are_is_not_written(tmp_path, cli):
+    street = GroundCamera(480, 360, 740.0, 7.0, math.radians(73.5))
+    people = sorted(standing_people(street, 300, 0, 2.0), key=lambda person: person.foot_px[1])
+    write_samples(people[150:156], tmp_path / "people.json", street.size)
+    status, printed = cli(*HUMAN, tmp_path / "people.json", "--lens", "pinhole", "--out", tmp_path / "camera.toml")
+    assert status == 1 and "not enough: " in printed and "give focal length" in printed
     assert [path.name for path in tmp_path.iterdir()] == ["people.json"]
-    assert cli(*HUMAN, people, "--lens", "normal-wide", "--out", out, "--rough")[0] == 0 and out.is_file()
 
 
 def test_image_size_must_be_that_of_the_file(people, refused):
