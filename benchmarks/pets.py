@@ -112,7 +112,7 @@ def score_run(tracker: ImageTrackerName, folder: Path, camera: Path | None, fram
         folder / "view001.mp4",
         tracker=tracker,
         config=Config(seed=seed),
-        camera=camera,
+        calibration=camera,
         frames=frames,
         watch=lambda result: frames_seen.append(result.frame),
     )

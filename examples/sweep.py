@@ -18,8 +18,7 @@ def main(
     """Print a CSV: longest side of the images that are matched, MOTA, mean position error."""
     print("working_px,mota,position_error_m")
     for size_px in sizes_px:
-        config = planview.load_config(overrides=[f"rectify.working_px={size_px}"])
-        tracks = planview.run(recording, config=config, frames=frames)
+        tracks = planview.run(recording, config={"rectify.working_px": size_px}, frames=frames)
         last = int(tracks.frame.max()) if len(tracks) else 0
         scores = planview.evaluate(tracks, recording, frames=(0, last))
         found = scores.mota, scores.position_error_mean_m  # None where nobody was tracked

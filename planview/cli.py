@@ -43,17 +43,6 @@ COMMANDS = {
 }
 """By group of the help: the module of ``planview.commands`` with a command."""
 CALIBRATE = ("align", "board", "convert", "floor", "human", "ui")
-USAGE = {
-    "run": "run RECORDING [RIGHT] --out FOLDER [OPTIONS]",
-    "check": "check RECORDING [RIGHT] [OPTIONS]",
-    "params": "params [PATTERN] [OPTIONS]",
-    "evaluate": "evaluate TRACKS [TRUTH] [OPTIONS]",
-    "report": "report FOLDER [FOLDER ...] [OPTIONS]",
-    "plot": "plot RUN [RUN ...] [OPTIONS]",
-    "sweep": "sweep STUDY.toml [OPTIONS] | RECORDING [RECORDING ...] --out FOLDER --vary NAME=VALUES [OPTIONS]",
-    "align": "calibrate align SENSOR SENSOR [SENSOR ...] [OPTIONS]",
-}
-"""Usage of commands whose arguments cyclopts does not name."""
 
 
 def make_app(words: Sequence[str] = ()) -> App:
@@ -108,15 +97,16 @@ def _register(
 ) -> None:
     # Only the help of a command itself needs its docstring: with a text of its own the module is not imported.
     shown = _help_of(target) if name in words and {"--help", "-h"} & set(words) else {"help": lines.get(name, "")}
-    if name in USAGE:
-        shown["usage"] = f"Usage: planview {USAGE[name]}"
     app.command(target, name=name, group=group, **shown)
 
 
 def _help_of(target: str) -> dict[str, str]:
-    """The docstring of a command, with its examples at the end, each on a line of its own."""
+    """Usage and docstring of a command, with its examples at the end, each on a line of its own."""
+    from planview.commands.options import usage_of
+
     module, name = target.split(":")
-    doc = inspect.getdoc(getattr(import_module(module), name)) or ""
+    function = getattr(import_module(module), name)
+    doc = inspect.getdoc(function) or ""
     head = re.split(r"\n(?:Args:|Parameters)\n", doc)[0]
     prose = []
     lines = []
@@ -128,7 +118,8 @@ def _help_of(target: str) -> dict[str, str]:
         # What is indented is shown as it stands, one line is a command that may be wrapped.
         shown = dedent(text) if text.startswith("\n") else " ".join(text.split())
         lines += [f"# {what}"] * bool(what) + [shown.strip("\n")]
-    return {"help": "\n\n".join(prose), "help_epilogue": "\n".join(["Examples:", "```text", *lines, "```"])}
+    epilogue = "\n".join(["Examples:", "```text", *lines, "```"])
+    return {"usage": usage_of(function, name), "help": "\n\n".join(prose), "help_epilogue": epilogue}
 
 
 def _default(value: object) -> str | None:

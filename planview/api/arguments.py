@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from pydantic import ValidationError
 
 from calib.errors import InputError
+from calib.io import parse_size
 from calib.params import Params, first_problem
 from planview.engine.config import Config, config_of, load_config
 from planview.output.run_folder import RunFolder
@@ -55,14 +56,17 @@ def frame_span(frames: Frames) -> tuple[int, int]:
     return first, last
 
 
-def settings(config: Settings | None, overrides: Sequence[str] = (), base: Config | None = None) -> Config:
-    """Parameters of a configuration over the base, then changed one by one. Raises InputError: an unreadable file, an
-    unknown name, or a value out of range, by name."""
+def settings(config: Settings | None, base: Config | None = None) -> Config:
+    """Parameters of a configuration over the base. Raises InputError: an unreadable file, an unknown name, or a value
+    out of range, by name."""
     if config is None or isinstance(config, Path | str):
-        return load_config(config, overrides, base)
-    if not isinstance(config, Config):
-        config = config_of(config, argument="config", base=base)
-    return load_config(None, overrides, config)
+        return load_config(config, base=base)
+    return config if isinstance(config, Config) else config_of(config, argument="config", base=base)
+
+
+def size_of(size: tuple[int, int] | str | None, argument: str) -> tuple[int, int] | None:
+    """Width and height, also of text such as 640x480. Raises InputError: other text."""
+    return parse_size(size, f"{argument}=") if isinstance(size, str) else size
 
 
 def opening(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -11,9 +10,9 @@ from calib.board.solve import BoardCalibration
 from calib.camera import LensModel
 from calib.errors import InputError, WorkError
 from calib.formats import calibration_files, load_rig, write_rig
-from calib.io import parse_length, parse_size
+from calib.io import parse_length
 from calib.rig import StereoRig
-from planview.api.arguments import Settings, in_range, one_of, path_of, settings
+from planview.api.arguments import Settings, in_range, one_of, path_of, settings, size_of
 from planview.api.result import Result, plain_values
 from planview.calibration.align import align_recordings
 from planview.calibration.board import BoardRequest, calibrate_board, parse_board, parse_square
@@ -28,7 +27,6 @@ def align(
     clock: float = 10.0,
     fps: float | None = None,
     config: Settings | None = None,
-    overrides: Sequence[str] = (),
 ) -> Result[list[RigAlignment]]:
     """Find the relative pose of stereo sensors from people who walk.
 
@@ -48,8 +46,8 @@ def align(
         out: rigs.toml to write, in a folder above all sensors; that folder is then a recording of several sensors.
         clock: Largest difference of the times at which the recordings begin [s]; a longer search takes longer.
         fps: Frames per second, where times are missing or wrong.
-        config: TOML file with parameters of a run, a table per stage.
-        overrides: One parameter, e.g. foreground.learning_rate=0.002; can be repeated.
+        config: TOML file with parameters of a run, a table per stage. In Python also a dict of those that differ, or a
+            Config.
 
     Returns:
         The alignment of every sensor but the first, in order.
@@ -61,7 +59,7 @@ def align(
     in_range("clock", clock, 0, 3600, " s")
     file = path_of(out)
     paths = [Path(sensor) for sensor in sensors]
-    alignments = align_recordings(paths, file, settings(config, overrides), fps, clock)
+    alignments = align_recordings(paths, file, settings(config), fps, clock)
     rows = [{"sensor": str(path)} for path in paths[1:]]
     for row, alignment in zip(rows, alignments, strict=True):
         row |= plain_values(
@@ -73,7 +71,7 @@ def align(
 
 def board(
     images: Path | str,
-    square: str,
+    square: float | str,
     *,
     out: Path | str = Path("rig.toml"),
     board: str | None = None,
@@ -87,7 +85,7 @@ def board(
     Writes the rig, the same for OpenCV (.yml) and a report page (.html) next to it.
 
     ```python
-    rig = planview.calibrate.board("photos", "24.23mm", out="rig.toml").value.rig
+    rig = planview.calibrate.board("photos", 0.02423, out="rig.toml").value.rig  # squares of 24.23 mm
     ```
 
     Args:
@@ -95,6 +93,7 @@ def board(
             video.
         square: Side of a square with its unit, e.g. 24.23mm; a bare number is refused. When it is not known, give any
             size: the baseline is also printed in squares, but distances measured with the rig are as wrong as the size.
+            In Python also a float, in metres.
         out: Rig to write.
         board: Inner corners of a chessboard, 9x6, found by itself when not given (give it for small or blurred images);
             or charuco:8x6, the squares of a ChArUco board.
@@ -111,7 +110,7 @@ def board(
         WorkError: too few images show the board.
     """
     one_of("model", model, ("auto", *get_args(LensModel)))
-    square_m = parse_square(str(square))
+    square_m = square if isinstance(square, float) else parse_square(square)
     known = parse_board(board, square_m, marker, dictionary)
     lens = None if model == "auto" else model
     request = BoardRequest(known, square_m, dictionary is None, marker is None, lens)
@@ -141,9 +140,9 @@ def convert(
     out: Path | str,
     *,
     to: str | None = None,
-    size: str | None = None,
-    unit: str | None = None,
-    cameras: str | None = None,
+    size: tuple[int, int] | str | None = None,
+    unit: float | str | None = None,
+    cameras: tuple[str, str] | str | None = None,
     swap: bool = False,
     rectified: bool = False,
 ) -> Result[StereoRig]:
@@ -153,7 +152,7 @@ def convert(
     Kalibr and ROS.
 
     ```python
-    planview.calibrate.convert("intrinsics.yml", "rig.toml", size="640x480", unit="24.23mm")
+    planview.calibrate.convert("intrinsics.yml", "rig.toml", size=(640, 480), unit=0.001)  # a file in millimetres
     ```
 
     Args:
@@ -161,9 +160,11 @@ def convert(
             content.
         out: File or folder to write.
         to: Format to write: rig, opencv, kalibr or ros; else taken from the suffix.
-        size: Image size WxH: selects a resolution, supplies one the file lacks, or scales.
-        unit: Length of the file's unit of translation, e.g. mm, or 24.23mm for a file in chessboard squares.
-        cameras: Left and right camera of a file with more than two, e.g. cam1,cam2.
+        size: Image size WxH: selects a resolution, supplies one the file lacks, or scales. In Python also (width,
+            height).
+        unit: Length of the file's unit of translation, e.g. mm, or 24.23mm for a file in chessboard squares. In Python
+            also a float, in metres.
+        cameras: Left and right camera of a file with more than two, e.g. cam1,cam2. In Python also a tuple of both.
         swap: The file calls the right camera left.
         rectified: Write the calibration of rectified images: P1 and P2 of the file, else OpenCV's for alpha 0.
 
@@ -174,9 +175,9 @@ def convert(
     out = Path(out)
     rig = load_rig(
         source,
-        None if size is None else parse_size(size, "size="),
+        size_of(size, "size"),
         cameras=None if cameras is None else _two_names(cameras),
-        unit_m=None if unit is None else parse_length(unit, "unit="),
+        unit_m=parse_length(unit, "unit=") if isinstance(unit, str) else unit,
         swap=swap,
         rectified=rectified or None,
     )
@@ -187,10 +188,10 @@ def convert(
     return Result(rig, values, files=files)
 
 
-def _two_names(text: str) -> tuple[str, str]:
-    names = [name.strip() for name in text.split(",")]
+def _two_names(cameras: tuple[str, str] | str) -> tuple[str, str]:
+    names = cameras.replace(" ", "").split(",") if isinstance(cameras, str) else cameras
     if len(names) != 2 or not all(names) or names[0] == names[1]:
-        raise InputError(f"expected two different names such as cam0,cam1, found {text!r}", argument="cameras")
+        raise InputError(f"expected two different names such as cam0,cam1, found {cameras!r}", argument="cameras")
     return names[0], names[1]
 
 

@@ -13,14 +13,14 @@ import numpy as np
 from calib.errors import InputError, WorkError
 from calib.ground_camera import LENS_K_320, save_ground_camera
 from calib.images import write_image
-from calib.io import parse_size
 from calib.people.calibration import HumanCalibration, calibrate_from_people
 from calib.people.model import KnownValues
 from calib.people.samples import read_image_size, read_samples, refuse_bad_samples, write_samples
 from calib.pose import SE3
 from calib.rig import Floor
+from calib.types import F64
 from calib.world import load_world, save_world
-from planview.api.arguments import Settings, in_range, one_of, path_of, settings
+from planview.api.arguments import Settings, in_range, one_of, path_of, settings, size_of
 from planview.api.result import Result, plain_values
 from planview.calibration.floor import FloorDepths, floor_from_tracks, parse_points
 from planview.calibration.people import collect_samples, people_picture
@@ -41,13 +41,12 @@ def floor(
     *,
     out: Path | str | None = None,
     save: bool = False,
-    points: Sequence[str] = (),
+    points: Sequence[str | Sequence[float]] | F64 = (),
     tracks: Path | str | None = None,
     calibration: Path | str | None = None,
     frames: int | None = None,
     picture: Path | str | None = None,
     config: Settings | None = None,
-    overrides: Sequence[str] = (),
 ) -> Result[Floor]:
     """Find the floor in a stereo recording.
 
@@ -55,7 +54,7 @@ def floor(
 
     ```python
     print(planview.calibrate.floor("my_recording", save=True))  # for every later run on the recording
-    planview.calibrate.floor("my_recording", points=["120,400", "500,420", "320,250"]).value.height_m
+    planview.calibrate.floor("my_recording", points=[(120, 400), (500, 420), (320, 250)]).value.height_m
     ```
 
     Args:
@@ -63,28 +62,29 @@ def floor(
         out: world.toml to write, with a picture of a metric grid on the floor next to it.
         save: Write them into the recording (a video: next to it). Later runs and calibrations then use that floor.
         points: Three or more floor points instead: u,v pixels of the rectified left image (their depth is looked up),
-            or x,y,z metres in the rectified left camera (x right, y down, z forward).
+            or x,y,z metres in the rectified left camera (x right, y down, z forward). In Python also an array, a row
+            per point.
         tracks: tracks.csv of a run on this recording: refine its floor (run.json or world.toml) by where people's feet
             and heads are, for floors that are hidden or without texture.
         calibration: Calibration of the pair, if it is not in the recording.
         frames: How many frames to look at, spread over the recording; analysis.setup_frames when not given.
         picture: Picture of a metric grid on the floor; next to world.toml, with .png, when not given.
-        config: TOML file with the parameters of a run: analysis.setup_frames and tables rectify, sgbm, range, floor.
-        overrides: One parameter, e.g. foreground.learning_rate=0.002; can be repeated.
+        config: TOML file with the parameters of a run: analysis.setup_frames and tables rectify, sgbm, range, floor. In
+            Python also a dict of those that differ, or a Config.
 
     Raises:
         InputError: a recording that cannot be read, or arguments that exclude each other.
         WorkError: no floor is visible.
     """
-    if points and tracks:
+    given = parse_points(points) if len(points) else None
+    if given is not None and tracks is not None:
         raise InputError("points and tracks cannot be combined")
     if out and save:
         raise InputError("out and save cannot be combined")
-    search = floor_search(settings(config, overrides))
+    search = floor_search(settings(config))
     if frames is not None:
         in_range("frames", frames, 1, 1000)
         search = search.model_copy(update={"frames": frames})
-    given = parse_points(points) if points else None
     path = Path(recording)
     opened = open_any(path, OpenOptions(path_of(calibration)))
     log.debug("looking at %d frames", search.frames)
@@ -133,7 +133,7 @@ def _floor_of_run(recording: Recording[StereoPair | DepthCamera], tracks: Path) 
 def human(
     samples: Path | str,
     *,
-    image_size: str | None = None,
+    image_size: tuple[int, int] | str | None = None,
     lens: str | None = None,
     out: Path | str = Path("camera.toml"),
     frames: Path | str | None = None,
@@ -152,7 +152,7 @@ def human(
 
     ```python
     camera = planview.calibrate.human("street.mp4", auto=True, lens="normal").value.camera
-    planview.calibrate.human("samples.csv", image_size="640x480", lens="normal-wide", out="camera.toml")
+    planview.calibrate.human("samples.csv", image_size=(640, 480), lens="normal-wide", out="camera.toml")
     ```
 
     Args:
@@ -160,7 +160,7 @@ def human(
             or JSON: a list of {"box": [left, top, width, height], "head": [u, v], "foot": [u, v]}; 3 or more people at
             different places. With ``auto``, a video.
         image_size: WxH of the image that the samples were taken in. Not needed with a video, nor with a JSON that holds
-            it as "image_size": [width, height].
+            it as "image_size": [width, height]. In Python also (width, height).
         lens: pinhole, normal, normal-wide, fisheye or black-corner-fisheye; all are tried when not given.
         out: camera.toml to write, with the deviations; next to it a picture (.png) and, with ``auto``, the samples.
         frames: Video that the samples come from: its frames are the picture's background.
@@ -193,7 +193,7 @@ def human(
     file = Path(out)
     source = path if auto else path_of(frames)
     video = open_video(source, OpenOptions(fps=fps)) if source else None
-    size = _size(image_size, video, None if auto else read_image_size(path), path)
+    size = _size(size_of(image_size, "image_size"), video, None if auto else read_image_size(path), path)
     independent = None
     if auto and video is not None:
         log.info("following people through %d frames of %s", video.n_frames, path)
@@ -233,10 +233,12 @@ def _in_arguments(problem: str) -> str:
 
 
 def _size(
-    text: str | None, video: Recording[SingleCamera] | None, recorded: tuple[int, int] | None, samples: Path
+    given: tuple[int, int] | None,
+    video: Recording[SingleCamera] | None,
+    recorded: tuple[int, int] | None,
+    samples: Path,
 ) -> tuple[int, int]:
     """(width, height) of the samples' image; what is known of it from several places must agree."""
-    given = None if text is None else parse_size(text, "image_size=")
     sources = {"image_size=": given, "the video": None if video is None else video.sensor.size, str(samples): recorded}
     known = [(source, size) for source, size in sources.items() if size is not None]
     if not known:

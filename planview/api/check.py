@@ -27,17 +27,16 @@ def check(
     calibration: Path | str | None = None,
     topics: str | None = None,
     fps: float | None = None,
-    person_height: str | None = None,
+    person_height: float | str | None = None,
     frames: int = 60,
     out: Path | str | None = None,
     corrected_rig: Path | str | None = None,
     config: Settings | None = None,
-    overrides: Sequence[str] = (),
 ) -> Result[tuple[Check, ...]] | Result[Contents]:
     """Check a recording and its calibration: can I trust them?
 
     ```python
-    found = planview.check("my_recording", person_height="1.78m", out="pictures")
+    found = planview.check("my_recording", person_height=1.78, out="pictures")
     print(found)
     assert found.ok  # no check failed; warnings leave it true
     planview.check("recording.bag", quick=True).to_json()["fps"]
@@ -52,14 +51,14 @@ def check(
             camera.
         topics: Topics of a bag, LEFT,RIGHT or IMAGE,DEPTH, where they are not clear from their names.
         fps: Frames per second, where times are missing or wrong.
-        person_height: Height of a person who walks through, e.g. 1.78m: checks baseline and units.
+        person_height: Height of a person who walks through, e.g. 1.78m: checks baseline and units. In Python also a
+            float, in metres.
         frames: Consecutive frames to look at for movement, besides those in which a run measures its floor.
         out: Folder for pictures: rectified rows, disparity, floor, exposure.
         corrected_rig: Write the calibration as corrected by this recording to this file, for other recordings of the
             rig.
         config: TOML file with parameters of the later run: analysis.setup_frames and tables rectify, sgbm, range,
-            floor.
-        overrides: One parameter, e.g. foreground.learning_rate=0.002; can be repeated.
+            floor. In Python also a dict of those that differ, or a Config.
 
     Returns:
         Every check; with ``quick`` what the recording holds, and ``ok`` whether a run would take it.
@@ -76,7 +75,7 @@ def check(
         return Result(found, values, found.cameras, ok=not found.missing)
     in_range("frames", frames, 4, 2000)
     height_m = None if person_height is None else _height(str(person_height))
-    search = floor_search(settings(config, overrides))
+    search = floor_search(settings(config))
     diagnosis = examine(path, options, frames=frames, person_height_m=height_m, search=search)
     checks = diagnosis.checks
     rows = [check.to_json() for check in checks]

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 
-def report(*folders: Path | str, truth: Path | str | None = None) -> Result[list[Path]]:
+def report(*runs: Path | str, truth: Path | str | None = None) -> Result[list[Path]]:
     """Write the report of a run, and compare the settings of several.
 
     ```python
@@ -33,7 +33,7 @@ def report(*folders: Path | str, truth: Path | str | None = None) -> Result[list
     ```
 
     Args:
-        folders: Output folders of runs.
+        runs: Folders of runs.
         truth: True people; truth.csv of each recording when not given.
 
     Returns:
@@ -43,9 +43,9 @@ def report(*folders: Path | str, truth: Path | str | None = None) -> Result[list
         InputError: no tracks.csv, or a file that cannot be read.
         WorkError: the page cannot be written.
     """
-    if not folders:
+    if not runs:
         raise InputError("report needs the folder of a run")
-    paths = [Path(folder) for folder in folders]
+    paths = [Path(run) for run in runs]
     for file in filter(Path.is_file, paths):
         raise InputError(f"{file}: a file; report takes the folder of a run")
     pages = [write_report(path, truth=path_of(truth)) for path in paths]
@@ -116,7 +116,7 @@ def _name(run: object, number: int) -> str:
 
 
 def render(
-    folder: Path | str,
+    run: Path | str,
     *,
     out: Path | str | None = None,
     frame: int | None = None,
@@ -140,7 +140,7 @@ def render(
     ```
 
     Args:
-        folder: Output folder of a run.
+        run: Folder of a run.
         out: Video to write: .webm or .mp4 (browsers play both), .avi or .mkv; with ``frame`` the picture. [default:
             scene.webm or frame-N.png in the folder]
         frame: Draw this frame only, as a picture.
@@ -162,7 +162,7 @@ def render(
     """
     in_range("every", every, 1, 100_000)
     in_range("trail", trail, 0, 3600, " s")
-    folder = Path(folder)
+    folder = Path(run)
     path = path_of(out)
     if frame is None and path is not None and path.suffix.lower() in (".png", ".jpg", ".jpeg"):
         raise InputError(f"{path} is one picture: say of which frame", remedy="frame")

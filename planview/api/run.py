@@ -33,8 +33,7 @@ def run(
     right: Path | str | None = None,
     *,
     out: Path | str | None = None,
-    calibration: Path | str | None = None,
-    camera: GroundCamera | Path | str | None = None,
+    calibration: GroundCamera | Path | str | None = None,
     topics: str | None = None,
     fps: float | None = None,
     strict: bool = False,
@@ -42,7 +41,6 @@ def run(
     detections: Path | str | Sequence[ArrayLike] | None = None,
     matcher: Matcher | None = None,
     config: Settings | None = None,
-    overrides: Sequence[str] = (),
     refine: bool = False,
     rules: Path | str | None = None,
     rrd: bool = False,
@@ -65,29 +63,29 @@ def run(
 
     planview.run("left.mp4", "right.mp4", calibration="rig.toml", out="out", rrd=True)
     planview.run("out/maps.h5", out="again", tracker="template")  # maps of an earlier run, which wrote them (maps=True)
-    planview.run("street.mp4", tracker="human-model", camera="camera.toml", out="out")
+    planview.run("street.mp4", tracker="human-model", calibration="camera.toml", out="out")
     ```
 
     Args:
         recording: Folder with left/ and right/ images or videos (or one side-by-side video) and a calibration; or one
             video; or the left one of two videos or folders of images; or maps.h5 of an earlier run. Maps are tracked
-            with the parameters that made them, changed by ``config`` and ``overrides``; other parameters than before
-            give an approximation.
+            with the parameters that made them, changed by ``config``; other parameters than before give an
+            approximation. In Python also an Engine.
         right: The right one of two videos or folders of images.
         out: Folder for the results (tracks.csv, run.json, report.html); created where it does not exist.
         calibration: Calibration of the stereo pair, if it is not in the recording; or camera.toml of a single camera,
-            or its Tsai XML.
-        camera: The single camera itself, or the file of its calibration.
+            or its Tsai XML. In Python also a GroundCamera.
         topics: Topics of a bag, LEFT,RIGHT or IMAGE,DEPTH, where they are not clear from their names.
         fps: Frames per second, where times are missing or wrong.
         strict: Refuse a recording that fails one of the cheap checks instead of warning about it.
         tracker: joint (every pixel explained by people) or template (Harville's) for stereo and depth; human-model or
             ellipse-particle for one camera.
         detections: Boxes of people from a detector of your own (MOTChallenge det.txt or COCO results), tracked instead
-            of what moves; one camera only.
+            of what moves; one camera only. In Python also an array per frame, (N, 4) left, top, width, height [px] or
+            (N, 5) with a score.
         matcher: Of stereo pairs; SGBM when None.
-        config: TOML file with parameters of a run, a table per stage.
-        overrides: One parameter, e.g. foreground.learning_rate=0.002; can be repeated.
+        config: TOML file with parameters of a run, a table per stage. In Python also a dict of those that differ, or a
+            Config.
         refine: Refine the tracks afterwards, knowing the whole recording.
         rules: rules.toml with tripwires and zones to count while tracking.
         rrd: Also write run.rrd, which the viewer opens.
@@ -131,18 +129,18 @@ def run(
         checkpoint_every_s=checkpoint_every,
     )
     if isinstance(recording, Engine):
-        opened = {"right": right, "calibration": calibration, "camera": camera, "topics": topics, "fps": fps,
-                  "detections": detections, "matcher": matcher, "config": config,
-                  "overrides": overrides or None}  # fmt: skip
+        opened = {"right": right, "calibration": calibration, "topics": topics, "fps": fps, "detections": detections,
+                  "matcher": matcher, "config": config}  # fmt: skip
         _refuse_opened(opened)
         spec.refuse_folder()
         engine = recording
     else:
         path = Path(recording)
-        parameters = settings(config, overrides, base_config(path))
+        parameters = settings(config, base_config(path))
         spec.refuse_folder(path)
-        if calibration is not None and is_of_one_camera(Path(calibration), tracker, detections is not None):
-            camera = Path(calibration)
+        camera = None
+        if isinstance(calibration, GroundCamera) or is_of_one_camera(calibration, tracker, detections is not None):
+            camera = calibration
             calibration = None
         options = opening(calibration, fps, topics, right)
         log.debug("opening the recording, aligning rows, finding the floor")
@@ -158,36 +156,39 @@ def _refuse_opened(arguments: Mapping[str, object]) -> None:
         raise InputError(f"an engine has its own {' and '.join(given)}: give them to open_engine")
 
 
-def is_of_one_camera(calibration: Path, tracker: AnyTracker, detections: bool = False) -> bool:
+def is_of_one_camera(calibration: Path | str | None, tracker: AnyTracker, detections: bool = False) -> bool:
     """Whether a calibration is of one camera rather than of a pair."""
+    if calibration is None:
+        return False
+    calibration = Path(calibration)
     images = tracker in get_args(ImageTrackerName) if isinstance(tracker, str) else tracker.needs == "image"
     return images or detections or calibration.name == "camera.toml" or holds_one_camera(calibration)
 
 
 def replay(
-    folder: Path | str,
+    run: Path | str,
     frame: int,
     *,
-    overrides: Sequence[str] = (),
+    config: Settings | None = None,
     matcher: Matcher | None = None,
     out: Path | str | None = None,
     progress: Progress = unseen,
     quiet: bool = False,
 ) -> Result[Trajectories]:
-    """Track a run again up to a frame with a parameter changed, and show what differs.
+    """Track a run again up to a frame with parameters changed, and show what differs.
 
     A picture has the frame as it was run and as it is tracked now, the result what differs in words. Without a
     parameter to change, the run is repeated as it was. The run is tracked again from its first frame: from its maps.h5
     in a tenth of the time, where it has one and the parameter does not change these, else from the recording.
 
     ```python
-    print(planview.replay("out", 310, overrides=["joint.patch_m=0.15"]))
+    print(planview.replay("out", 310, config={"joint.patch_m": 0.15}))
     ```
 
     Args:
-        folder: Output folder of a run.
+        run: Folder of a run.
         frame: The frame to look at.
-        overrides: One parameter, e.g. foreground.learning_rate=0.002; can be repeated.
+        config: TOML file with parameters that differ from those of the run. In Python also a dict.
         matcher: The one that the run was tracked with, where it was one of your own.
         out: Picture to write; replay-N.png in the folder when not given.
         progress: Called after every frame.
@@ -200,13 +201,13 @@ def replay(
         InputError: no run in the folder, a frame outside of it, parameters that its maps exclude, or another matcher.
         WorkError: the recording ends before the frame.
     """
-    results = RunFolder(Path(folder))
+    results = RunFolder(Path(run))
     in_range("frame", frame, results.info.first_frame, results.n_frames - 1)
-    config = settings(None, overrides, results.config)
+    changed = settings(config, results.config)
     picture = path_of(out) or results.path / f"replay-{frame}.png"
     log.debug("tracking")
     with log_errors_only(quiet):
-        replayed = replay_run(results, config, frame, progress, matcher)
-    write_difference(results, replayed, frame, ", ".join(overrides) or "again", picture)
+        replayed = replay_run(results, changed, frame, progress, matcher)
+    write_difference(results, replayed, frame, picture)
     text = "\n".join(difference_text(results, replayed, frame))
     return Result(replayed.results.tracks, {"source": str(replayed.source)}, files=[picture], text=text)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import re
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Literal
 from calib.errors import InputError
 from planview.api.arguments import one_of, opening, table_of
 from planview.api.result import Result
+from planview.offline.edit import edit_line
 from planview.offline.refine import Refined
 from planview.output.finished import EditedRun, edit_run, read_edits, refine_run, undo_edits
 from planview.output.run_folder import RunFolder
@@ -27,19 +27,21 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 log = logging.getLogger(__name__)
+Edits = Sequence[Sequence[int] | int | str]
+"""Each as numbers, or as words that hold them."""
 
 
 def edit(
-    folder: Path | str,
+    run: Path | str,
     *,
     file: Path | str | None = None,
-    join: Sequence[str] = (),
-    split: Sequence[str] = (),
-    delete: Sequence[str] = (),
-    rename: Sequence[str] = (),
+    join: Edits = (),
+    split: Edits = (),
+    delete: Edits = (),
+    rename: Edits = (),
     region: str | None = None,
     ignore: str | None = None,
-    join_gaps: str | None = None,
+    join_gaps: tuple[float, float] | str | None = None,
     shorter: float | None = None,
     undo: bool = False,
     undo_all: bool = False,
@@ -51,16 +53,16 @@ def edit(
     keeps the order of its lines, and comes first.
 
     ```python
-    planview.edit("out", join=["3:7"], split=["5@120"], delete=["9"])
-    planview.edit("out", join_gaps="2:0.6", shorter=1, ignore="POLYGON ((0 0, 2 0, 2 1, 0 1))")
+    planview.edit("out", join=[(3, 7)], split=[(5, 120)], delete=[9, (4, 0, 60)])
+    planview.edit("out", join_gaps=(2, 0.6), shorter=1, ignore="POLYGON ((0 0, 2 0, 2 1, 0 1))")
     planview.edit("out", undo=True)
     ```
 
     Args:
-        folder: Folder of a finished run.
+        run: Folder of a finished run.
         file: File with an edit per line: "join 3 7", "split 5 120", "delete 9", "delete 9 100 200", "rename 4 12",
             "shorter 1.0", "join-gaps 2.0 0.6", "region POLYGON ((...))", "ignore POLYGON ((...))"; # begins a comment.
-        join: A:B makes track B part of track A.
+        join: A:B makes track B part of track A. In Python also (A, B), and so of all edits.
         split: ID@FRAME gives a track a new id from the frame on.
         delete: ID deletes a track, ID@FIRST:LAST its rows of these frames.
         rename: ID:NEW gives a track another id.
@@ -75,14 +77,16 @@ def edit(
     Raises:
         InputError: no finished run in the folder, another process writes there, or an edit that cannot be applied.
     """
-    folder = Path(folder)
+    folder = Path(run)
     lines = [] if file is None else read_edits(Path(file))
     for kind, edits in {"join": join, "split": split, "delete": delete, "rename": rename}.items():
-        lines += [_by_id(kind, str(edit)) for edit in edits]
+        lines += [edit_line(kind, edit) for edit in edits]
     for kind, text in {"region": region, "ignore": ignore}.items():
-        lines += [f"{kind} {region_of(text, f'{kind}=').wkt}"] if text is not None else []
-    lines += [f"join-gaps {join_gaps.replace(':', ' ')}"] if join_gaps is not None else []
-    lines += [f"shorter {shorter:g}"] if shorter is not None else []
+        if text is not None:
+            lines.append(f"{kind} {region_of(text, f'{kind}=').wkt}")
+    for kind, values in {"join-gaps": join_gaps, "shorter": shorter}.items():
+        if values is not None:
+            lines.append(edit_line(kind, values))
     if undo + undo_all + bool(lines) > 1:
         raise InputError("edits, undo and undo-all cannot be combined")
     if not (undo or undo_all or lines):
@@ -91,23 +95,7 @@ def edit(
     return Result(done, done._asdict(), files=[folder / "tracks.csv"])
 
 
-_BY_ID = {
-    "join": ("A:B", r"\d+:\d+"),
-    "split": ("ID@FRAME", r"\d+@\d+"),
-    "delete": ("ID or ID@FIRST:LAST", r"\d+(@\d+:\d+)?"),
-    "rename": ("ID:NEW", r"\d+:\d+"),
-}
-"""How arguments that name tracks are written."""
-
-
-def _by_id(kind: str, edit: str) -> str:
-    form, pattern = _BY_ID[kind]
-    if not re.fullmatch(pattern, edit):
-        raise InputError(f"expected {form}, found {edit!r}", argument=kind)
-    return f"{kind} {re.sub('[:@]', ' ', edit)}"
-
-
-def refine(folder: Path | str) -> Result[Refined]:
+def refine(run: Path | str) -> Result[Refined]:
     """Join fragments and smooth paths, knowing the whole recording.
 
     The tracks are those of a finished run. tracks_online.csv keeps them as they were; refinement.csv gives the reason
@@ -118,7 +106,7 @@ def refine(folder: Path | str) -> Result[Refined]:
     ```
 
     Args:
-        folder: Folder of a finished run.
+        run: Folder of a finished run.
 
     Returns:
         The tracks, and every change.
@@ -126,7 +114,7 @@ def refine(folder: Path | str) -> Result[Refined]:
     Raises:
         InputError: no finished run in the folder, an edited one, or tracks without floor positions.
     """
-    folder = Path(folder)
+    folder = Path(run)
     refined, _ = refine_run(folder)
     kinds = [change.kind for change in refined.changes]
     counts = {"join": kinds.count("join"), "smooth": kinds.count("smooth")}

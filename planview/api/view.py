@@ -7,7 +7,7 @@ from pathlib import Path
 from planview.output.viewer import PORT, WEB_PORT, open_viewer
 
 
-def view(folder: Path | str, *, port: int = PORT, web: bool = False, web_port: int = WEB_PORT) -> None:
+def view(run: Path | str, *, port: int = PORT, web: bool = False, web_port: int = WEB_PORT) -> None:
     """Open a run in the rerun viewer.
 
     It listens on this machine only and sends no usage statistics. This call returns when the viewer is closed.
@@ -17,7 +17,7 @@ def view(folder: Path | str, *, port: int = PORT, web: bool = False, web_port: i
     ```
 
     Args:
-        folder: Output folder of a run that wrote run.rrd, or an .rrd file.
+        run: Folder of a run that wrote run.rrd, or an .rrd file.
         port: Port of the viewer, or with ``web`` of the data, on 127.0.0.1.
         web: Serve the viewer to a browser instead of opening a window.
         web_port: Port of the page, on 127.0.0.1.
@@ -26,4 +26,4 @@ def view(folder: Path | str, *, port: int = PORT, web: bool = False, web_port: i
         InputError: no recording for the viewer in the folder, or one that it cannot read.
         WorkError: there is no display, or the viewer cannot be started, or it failed.
     """
-    open_viewer(Path(folder), web=web, port=port, web_port=web_port).wait()
+    open_viewer(Path(run), web=web, port=port, web_port=web_port).wait()

@@ -93,16 +93,15 @@ class FloorDepths:
         return with_legend(grid, _LEGEND)
 
 
-def parse_points(texts: Sequence[str]) -> F64:
-    """Points as typed: ``u,v`` in pixels of the rectified left image or ``x,y,z`` in metres, (N, 2) or (N, 3). Raises
-    InputError: not numbers, or of both kinds."""
+def parse_points(given: Sequence[str | Sequence[float]] | F64) -> F64:
+    """Points as rows or as typed: ``u,v`` in pixels of the rectified left image or ``x,y,z`` in metres, (N, 2) or
+    (N, 3). Raises InputError: not numbers, or of both kinds."""
     try:
-        points = np.array([[float(part) for part in text.replace(";", ",").split(",")] for text in texts])
+        points = np.array([each.split(",") if isinstance(each, str) else each for each in given], dtype=np.float64)
     except ValueError:
-        points = np.empty((0, 0))
-    if points.shape[1] not in (2, 3) or not np.isfinite(points).all():
-        actual = " ".join(texts)
-        raise InputError(f"expected all u,v in pixels or all x,y,z in metres, found {actual!r}", argument="points")
+        points = np.empty(0)
+    if points.ndim != 2 or points.shape[1] not in (2, 3) or not np.isfinite(points).all():
+        raise InputError(f"expected all u,v in pixels or all x,y,z in metres, found {given}", argument="points")
     if len(points) < 3:
         raise InputError(f"expected three or more, found {len(points)}", argument="points")
     return points

@@ -29,7 +29,7 @@ def calibrate_board(call: Call) -> None:
     call.says()
 
 
-@command(pair.convert, names={"source": "IN", "out": "OUT"}, own=JSON)
+@command(pair.convert, own=JSON)
 def calibrate_convert(call: Call) -> None:
     """Example: planview calibrate convert intrinsics.yml rig.toml --size 640x480 --unit 24.23mm"""
     call.says()

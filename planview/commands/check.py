@@ -9,7 +9,7 @@ from calib.errors import WorkError
 from planview.api import check as api
 from planview.api.contents import Contents
 from planview.api.result import Result
-from planview.commands.options import say
+from planview.commands.options import say, typed
 from planview.commands.shell import JSON, Call, command
 
 _OPENS = "calibration", "topics", "fps"
@@ -60,7 +60,7 @@ def check(call: Call) -> None:
 
 
 def _print_contents(call: Call, result: Result[Contents], recording: str) -> None:
-    missing = [call.sentence(error) for error in result.value.missing]
+    missing = [typed(error) for error in result.value.missing]
     result = replace(result, values=result.to_json() | {"missing": missing})
     if call.prints_json(result.to_json()):
         return

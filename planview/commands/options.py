@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import inspect
 import re
-from collections.abc import Mapping
+from collections.abc import Callable
 
 from calib.errors import InputError, WorkError
 from calib.formats.one_camera import LensOnlyError
 
+OPTIONS = {"overrides": "--set", "config": "--set", "everything": "--all", "file": "--list"}
+"""Of arguments whose option is called otherwise; a configuration is wrong only by what --set adds to its file."""
 
-def typed(error: InputError | WorkError, options: Mapping[str, str]) -> str:
+
+def option_of(argument: str) -> str:
+    """The option of an argument, or of a switch with its value."""
+    name = argument.partition("=")[0]
+    return OPTIONS.get(name, f"--{name.replace('_', '-')}")
+
+
+def typed(error: InputError | WorkError) -> str:
     """The sentence of an error with options in place of Python's arguments, and with the command that writes a
     camera.toml, or the trackers of one camera, where these are needed."""
-
-    def option(argument: str) -> str:
-        name = argument.partition("=")[0]  # of a switch with its value
-        return options.get(name, f"--{name.replace('_', '-')}")
-
-    sentence = re.sub(r"^(\w+)=: ", lambda argument: f"{option(argument[1])}: ", error.sentence(option))
+    sentence = re.sub(r"^(\w+)=: ", lambda argument: f"{option_of(argument[1])}: ", error.sentence(option_of))
     if error.remedy == "camera" or isinstance(error, LensOnlyError):
         focal = f" --focal {error.focal_px:.0f}" if isinstance(error, LensOnlyError) else ""
         sentence += f" (planview calibrate human VIDEO --auto{focal} --out camera.toml writes one)"
@@ -31,6 +36,21 @@ def typed(error: InputError | WorkError, options: Mapping[str, str]) -> str:
     if error.remedy == "tracker":
         sentence += " ellipse-particle, or --tracker human-model and --calibration camera.toml"
     return sentence
+
+
+def usage_of(function: Callable[..., None], name: str) -> str:
+    """The line that says how a command is typed."""
+    words = [f"Usage: planview {name.replace('_', ' ')}"]
+    for one in inspect.signature(function).parameters.values():
+        shown = one.name.upper()
+        is_needed = one.default is one.empty
+        if one.kind is one.VAR_POSITIONAL:
+            words.append(f"{shown.removesuffix('S')} ...")
+        elif one.kind is not one.KEYWORD_ONLY:
+            words.append(shown if is_needed else f"[{shown}]")
+        elif is_needed:
+            words.append(f"{option_of(one.name)} VALUE")
+    return " ".join([*words, "[OPTIONS]"])
 
 
 def say(text: object) -> None:

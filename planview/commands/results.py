@@ -21,7 +21,7 @@ def report(call: Call) -> None:
         print(found)
 
 
-@command(api.plot, names={"colour": ["--colour", "--color"]})
+@command(api.plot)
 def plot(call: Call) -> None:
     """Example: planview plot out
 

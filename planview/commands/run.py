@@ -25,7 +25,7 @@ from planview.synthetic.assets import DEMO
 
 GROUPS = {
     "Input": "calibration topics fps strict frames",
-    "Tracking": "tracker detections config overrides refine rules print_config",
+    "Tracking": "tracker detections config set refine rules print_config",
     "Output": "out rrd maps view quiet json overwrite resume",
 }
 OWN = JSON | {
@@ -39,13 +39,12 @@ HIDDEN = Parameter(show=False)
 @command(
     api.run,
     types={
-        "camera": None,
+        "calibration": Annotated[Path | None, Parameter(name=["--calibration", "--camera"])],
         "tracker": TrackerName,
         "detections": Path | None,
         "checkpoint_every": Annotated[float, HIDDEN],
         "rrd_every": Annotated[int, HIDDEN],
     },
-    names={"calibration": ["--calibration", "--camera"]},
     groups=GROUPS,
     own=OWN,
 )
@@ -69,7 +68,7 @@ def run(call: Call) -> None:
     out = call["out"]
     recording = call["recording"]
     if call.own["print_config"]:
-        print(config_toml(settings(call["config"], call["overrides"], base_config(recording))))
+        print(config_toml(settings(call["config"], base_config(recording))))
         return
     if out is None:
         raise InputError("run needs --out FOLDER for the results")
@@ -94,9 +93,9 @@ def run(call: Call) -> None:
     console = PlainConsole(stderr=True, quiet=call.own["quiet"])
     summary(console, info, out)
     if info.counts:
-        from planview.commands.scores import print_counts  # brings scipy
+        from planview.commands.scores import counts_text  # brings scipy
 
-        print_counts(info.counts, console)
+        console.print(counts_text(info.counts))
     call.prints_json({"out": str(out), **info.model_dump(mode="json", exclude={"config"})})
     if live.viewer is not None and live.viewer.page:
         console.print("the page is served until Ctrl-C")

@@ -5,11 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.table import Column, Table
-
+from calib.errors import printable
 from planview.api import scores
-from planview.commands.console import PlainConsole
+from planview.api.result import aligned
 from planview.commands.shell import JSON, Call, command
 from planview.evaluation.result import Evaluation
 from planview.output.report.page import evaluation_rows
@@ -45,13 +43,11 @@ def evaluate(call: Call) -> None:
     }
     if call.prints_json({**result.to_json(), "recordings": each} if len(each) > 1 else each[pairs[0].name]):
         return
-    console = PlainConsole()
     for pair in pairs:
         kind = {True: " (refined)", False: " (online)", None: ""}[_refined(pair.tracks)]
-        print_evaluation(results[pair.name], console, f"{pair.tracks}{kind}", every=call.own["all"])
+        print_evaluation(results[pair.name], f"{pair.tracks}{kind}", every=call.own["all"])
     if len(pairs) > 1:
-        title = f"{len(pairs)} recordings together"
-        print_evaluation(result, console, title, listed=False, every=call.own["all"])
+        print_evaluation(result, f"{len(pairs)} recordings together", listed=False, every=call.own["all"])
 
 
 def _refined(tracks: Path) -> bool | None:
@@ -60,41 +56,38 @@ def _refined(tracks: Path) -> bool | None:
     return None if run is None else tracks.name == "tracks.csv" and run.info.refined
 
 
-def print_evaluation(
-    result: Evaluation, console: Console, title: str, *, listed: bool = True, every: bool = False
-) -> None:
+def print_evaluation(result: Evaluation, title: str, *, listed: bool = True, every: bool = False) -> None:
     """The main figures in a line, those that papers print as a table, then every significant error; with ``every`` all
     figures, and position errors by group."""
     values = result.to_json()
-    console.print(f"{title}: {result.headline}", highlight=False, soft_wrap=True)
     shown = values.keys() - HEADLINE if every else PUBLISHED
-    title = f"{values['truth_rows']:,} positions in the truth ({values['ignored_rows']:,} too hidden, ignored)"
-    table = Table("figure", Column("value", justify="right"), title=title)
-    for row in evaluation_rows({name: value for name, value in values.items() if name in shown}):
-        table.add_row(*row)
-    console.print(table)
+    hidden = f"{values['ignored_rows']:,} too hidden, ignored"
+    lines = [f"{title}: {result.headline}", f"{values['truth_rows']:,} positions in the truth ({hidden})"]
+    lines.append(aligned(evaluation_rows({name: value for name, value in values.items() if name in shown})))
     if every:
-        _print_groups(values, console)
+        lines += [GROUPS_NOTE, _groups_text(values)]
     if result.alignment is not None:
-        console.print("tracks laid over the truth:", values["alignment"])
+        lines.append(f"tracks laid over the truth: {values['alignment']}")
     for error in result.significant if listed else []:
-        console.print(f"frame {error.frame}: {error.kind}: {error.who}: {error.note}", highlight=False)
+        lines.append(f"frame {error.frame}: {error.kind}: {error.who}: {error.note}")
+    print(printable("\n".join(lines)))
 
 
-def _print_groups(values: dict[str, Any], console: Console) -> None:
-    console.print(
-        "id switches: every id change, including brief ones between people in contact; lasting identity changes: two "
-        "when two people swap ids, and ids that pass to another person; at most: with 95 % confidence",
-        highlight=False, soft_wrap=True,
-    )  # fmt: skip
-    table = Table("group", "positions", "matched [%]", "position error [m]", "standard deviation [m]")
+GROUPS_NOTE = (
+    "id switches: every id change, including brief ones between people in contact; lasting identity changes: two when "
+    "two people swap ids, and ids that pass to another person; at most: with 95 % confidence"
+)
+
+
+def _groups_text(values: dict[str, Any]) -> str:
+    rows = [("group", "positions", "matched [%]", "position error [m]", "standard deviation [m]")]
     for key, text in (("by_distance", "{} m away"), ("by_visibility", "{} visible"), ("by_people", "{} people")):
         for row in values[key]:
             if row["truth_rows"]:
-                errors = (figure_text(row[f"position_error_{name}_m"]) for name in ("mean", "std"))
                 matched = f"{100 * row['matches'] / row['truth_rows']:.1f}"
-                table.add_row(text.format(row["group"]), f"{row['truth_rows']:,}", matched, *errors)
-    console.print(table)
+                mean, std = (figure_text(row[f"position_error_{name}_m"]) for name in ("mean", "std"))
+                rows.append((text.format(row["group"]), f"{row['truth_rows']:,}", matched, mean, std))
+    return aligned(rows)
 
 
 @command(scores.count, options=["rules"], own=JSON)
@@ -109,17 +102,16 @@ def count(call: Call) -> None:
     """
     result = {name: value for name, value in call().attrs.items() if name != "events"}
     if not call.prints_json(result):
-        print_counts(result, PlainConsole())
+        print(counts_text(result))
 
 
-def print_counts(result: dict[str, Any], console: Console) -> None:
+def counts_text(result: dict[str, Any]) -> str:
     """A table of the totals, and of the scores where there are any."""
-    table = Table("rule", "kind", "counts", title=f"{result['duration_s']:.1f} s of recording")
-    for name, values in result["rules"].items():
-        table.add_row(name, values["kind"], ", ".join(_figures(values)))
-    console.print(table)
-    for name, values in result.get("scores", {}).get("rules", {}).items():
-        console.print(f"{name} against truth: " + ", ".join(_figures(values)), highlight=False)
+    rows = [("rule", "kind", f"counts in {result['duration_s']:.1f} s of recording")]
+    rows += [(name, values["kind"], ", ".join(_figures(values))) for name, values in result["rules"].items()]
+    scores = result.get("scores", {}).get("rules", {})
+    lines = [f"{name} against truth: {', '.join(_figures(values))}" for name, values in scores.items()]
+    return printable("\n".join([aligned(rows), *lines]))
 
 
 def _figures(values: dict[str, Any]) -> list[str]:

@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 from cyclopts import Group, Parameter
 
 from calib.errors import InputError, WorkError
-from planview.commands.options import say, typed
+from planview.commands.options import option_of, say, typed
 
 Flag = Annotated[bool, Parameter(negative="")]
 """A switch that is off unless it is given; there is no --no-... of it."""
@@ -26,8 +26,12 @@ JSON = {"json": "Print one JSON object to standard output."}
 """The switch of commands whose result can be printed for programs."""
 QUIET = {"quiet": "Show no progress."}
 """The switch of commands that take long."""
-_OPTIONS = {"overrides": "--set", "everything": "--all"}
-"""Options that are shorter than the arguments of Python."""
+NAMES: dict[str, str | list[str]] = {"everything": "--all", "file": "--list", "colour": ["--colour", "--color"]}
+"""Options that are called otherwise than the arguments of Python."""
+SET = Annotated[
+    Sequence[str], Parameter(negative="", help="One parameter, e.g. foreground.learning_rate=0.002; can be repeated.")
+]
+"""The option that changes single parameters, of commands that take a file of them."""
 
 
 @dataclass(frozen=True)
@@ -36,13 +40,11 @@ class Call:
 
     Attributes:
         own: options of the command line alone, which decide what is printed.
-        options: names of options by those of arguments.
     """
 
     function: Callable[..., Any]
     bound: inspect.BoundArguments
     own: dict[str, Any]
-    options: Mapping[str, str]
 
     def __call__(self) -> Any:
         if "quiet" not in self.own:
@@ -56,10 +58,6 @@ class Call:
 
     def __getitem__(self, name: str) -> Any:
         return self.bound.arguments[name]
-
-    def sentence(self, error: InputError | WorkError) -> str:
-        """The sentence of an error with the options of this command."""
-        return typed(error, self.options)
 
     def prints_json(self, value: object) -> bool:
         """Print the value where --json asks for it; whether it did."""
@@ -82,7 +80,6 @@ def command(
     *,
     options: Sequence[str] = (),
     types: Mapping[str, Any] | None = None,
-    names: Mapping[str, str | Sequence[str]] | None = None,
     groups: Mapping[str, str] | None = None,
     own: Mapping[str, str] | None = None,
 ) -> Callable[[Callable[[Call], object]], Callable[..., None]]:
@@ -91,78 +88,68 @@ def command(
     Args:
         options: arguments that are options, though Python takes them by position.
         types: what words become, where the annotation does not say it; None leaves an argument to Python.
-        names: all names of an option that has several, or of an argument that is called otherwise.
         groups: titles in the help, with the names of their options.
         own: switches of the command line alone, with their help.
     """
     signature = inspect.signature(function)
-    own = own or {}
-    types = types or {}
-    names = {name: option for name, option in _OPTIONS.items() if name in signature.parameters} | dict(names or {})
-    options_of = _option_names(signature, names)
-    group_of = {
-        name: Group(title, sort_key=place)
-        for place, (title, members) in enumerate((groups or {}).items())
-        for name in members.split()
-    }
-    switches = {name: inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False) for name in own}
-    shown = []
-    for one in (dict(signature.parameters) | switches).values():
-        if one.name in own:
-            kind: Any = Annotated[bool, Parameter(negative="", help=own[one.name])]
-        elif one.name in types:
-            kind = types[one.name]
-        else:
-            kind = _typed(str(one.annotation), function)
-        if kind is None:
-            continue
-        if one.name in group_of:
-            kind = Annotated[kind, Parameter(group=group_of[one.name])]
-        if one.name in names:
-            kind = Annotated[kind, Parameter(name=names[one.name])]
-        place = one.POSITIONAL_ONLY if one.kind is one.POSITIONAL_OR_KEYWORD else one.kind
-        shown.append(one.replace(kind=one.KEYWORD_ONLY if one.name in options else place, annotation=kind))
-    shown.sort(key=lambda one: one.kind)
+    given = {name: _typed(str(one.annotation), function) for name, one in signature.parameters.items()}
+    kinds = {name: kind for name, kind in (given | dict(types or {})).items() if kind is not None}
+    switches = own or {}
+    for name, text in switches.items():
+        kinds[name] = Annotated[bool, Parameter(negative="", help=text)]
+    if "Settings" in str(signature.parameters.get("config")):
+        kinds["set"] = SET
+    for place, (title, names) in enumerate((groups or {}).items()):
+        for name in names.split():
+            kinds[name] = Annotated[kinds[name], Parameter(group=Group(title, sort_key=place))]
+    shown = [_parameter(name, kind, signature, name in options) for name, kind in kinds.items()]
 
     def of(show: Callable[[Call], object]) -> Callable[..., None]:
         def run(*args: Any, **kwargs: Any) -> None:
-            switched = {name: kwargs.pop(name, False) for name in own}
+            extra = {name: kwargs.pop(name, False) for name in (*switches, "set")}
             bound = signature.bind(*args, **kwargs)
             bound.apply_defaults()
             gc.freeze()  # all is imported (see ``cli.main``), and stays
             gc.enable()
             try:
-                show(Call(function, bound, switched, options_of))
+                if extra["set"]:
+                    from planview.engine.config import given_tables  # of all stages
+
+                    bound.arguments["config"] = given_tables(bound.arguments["config"], extra["set"])
+                show(Call(function, bound, extra))
             except (InputError, WorkError) as error:
-                error.args = (typed(error, options_of),)
+                error.args = (typed(error),)
                 error.argument = error.remedy = ""
                 raise
 
         run.__name__ = function.__name__
-        run.__doc__ = _help(function, show, options_of)
-        run.__signature__ = inspect.Signature(shown)  # type: ignore[attr-defined]
+        run.__doc__ = _help(function, show)
+        run.__signature__ = inspect.Signature(sorted(shown, key=lambda one: one.kind))  # type: ignore[attr-defined]
         run.__annotations__ = {one.name: one.annotation for one in shown}
         return run
 
     return of
 
 
-def _option_names(signature: inspect.Signature, names: Mapping[str, str | Sequence[str]]) -> dict[str, str]:
-    """The option of every argument, and of every other name that an option has."""
-    options = {name: f"--{name.replace('_', '-')}" for name in signature.parameters}
-    for name, given in names.items():
-        first, *others = [given] if isinstance(given, str) else given
-        options[name] = first
-        options |= dict.fromkeys((other.strip("-") for other in others), first)
-    return options
+def _parameter(name: str, kind: Any, signature: inspect.Signature, is_option: bool) -> inspect.Parameter:
+    """An argument of a function as the command line takes it; by its name, where it is an option or Python has none."""
+    if name in NAMES:
+        kind = Annotated[kind, Parameter(name=NAMES[name])]
+    of_python = signature.parameters.get(name)
+    if of_python is None:
+        default = () if name == "set" else False
+        return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+    place = of_python.KEYWORD_ONLY if is_option else of_python.kind
+    place = of_python.POSITIONAL_ONLY if place is of_python.POSITIONAL_OR_KEYWORD else place
+    return of_python.replace(kind=place, annotation=kind)
 
 
-def _help(function: Callable[..., Any], show: Callable[[Call], object], options: Mapping[str, str]) -> str:
+def _help(function: Callable[..., Any], show: Callable[[Call], object]) -> str:
     """The docstring of a function with options in place of arguments and examples of the command in place of Python."""
     doc = inspect.getdoc(function) or ""
     doc = re.sub(r"```python\n.*?```\n", f"{inspect.getdoc(show) or ''}\n", doc, flags=re.DOTALL)
     doc = re.sub(r"\s+In Python\b.*?(?=\n+\s*\w+: |\n\n|$)", "", doc, flags=re.DOTALL)
-    return re.sub(r"``(\w+)``", lambda word: options.get(word[1], word[0]), doc)
+    return re.sub(r"``(\w+)``", lambda word: option_of(word[1]), doc)
 
 
 def _typed(annotation: str, function: Callable[..., Any]) -> Any:
@@ -186,6 +173,6 @@ def _typed(annotation: str, function: Callable[..., Any]) -> Any:
         return None
     if given == [bool]:
         return Flag
-    if given == [Sequence[str]]:
+    if get_origin(given[0]) is Sequence and get_origin(get_args(given[0])[0]) is not Literal:
         return Annotated[Sequence[str], Parameter(negative="")]
     return reduce(or_, given + [NoneType] * (None in parts))

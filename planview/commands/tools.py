@@ -6,11 +6,9 @@ import json
 import sys
 from textwrap import fill
 
-from rich.table import Column, Table
-
 from calib.params import tables_of
 from planview.api import tools as api
-from planview.commands.console import PlainConsole
+from planview.api.result import aligned
 from planview.commands.shell import JSON, QUIET, Call, command
 from planview.engine.config import Config
 
@@ -31,16 +29,13 @@ def params(call: Call) -> None:
     if len(found) == 1:
         only = found[0]
         bounds = f" ({only.range})" if only.range else ""
-        text = f"{only.name} = {only.default or 'required'}{bounds}\n{fill(only.meaning, 100)}"
-        PlainConsole(soft_wrap=True, highlight=False).print(text)
+        print(f"{only.name} = {only.default or 'required'}{bounds}\n{fill(only.meaning, 100)}")
     elif not sys.stdout.isatty():  # a line each, for grep and awk
         for field in found:
             print(field.name, field.default or "required", api.unit_of(field), field.sentence, sep="\t")
     else:
-        table = Table(Column("name", no_wrap=True), "default", "range", "meaning", box=None, pad_edge=False)
-        for field in found:
-            table.add_row(field.name, field.default or "required", field.range, field.sentence)
-        PlainConsole(highlight=False).print(table)
+        rows = [(field.name, field.default or "required", field.range, field.sentence) for field in found]
+        print(aligned([("name", "default", "range", "meaning"), *rows]))
 
 
 def config_toml(config: Config) -> str:

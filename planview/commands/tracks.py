@@ -13,7 +13,7 @@ from planview.commands.shell import JSON, QUIET, Call, command
 from planview.output.finished import scores_of_refinement
 
 
-@command(api.edit, names={"folder": "RUN", "file": "--list"}, own=JSON)
+@command(api.edit, own=JSON)
 def edit(call: Call) -> None:
     """Example: planview edit out --join 3:7 --split 5@120 --delete 9
 
@@ -26,16 +26,16 @@ def edit(call: Call) -> None:
         say(found)
 
 
-@command(api.refine, names={"folder": "RUN"}, own=JSON)
+@command(api.refine, own=JSON)
 def refine(call: Call) -> None:
     """Example: planview refine out"""
     found = call()
     if call.prints_json(found.to_json()):
         return
     say(found)
-    scores = scores_of_refinement(call["folder"])
+    scores = scores_of_refinement(call["run"])
     if scores:
-        say(f"{scores}\nplanview edit {call['folder']} --undo takes the refinement back")
+        say(f"{scores}\nplanview edit {call['run']} --undo takes the refinement back")
 
 
 FILE = Annotated[Path | None, Parameter(allow_leading_hyphen=True)]

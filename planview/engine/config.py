@@ -79,13 +79,17 @@ class Config(Params):
 def load_config(path: Path | str | None = None, overrides: Sequence[str] = (), base: Config | None = None) -> Config:
     """The base (the defaults when None), then the file, then single values like ``foreground.learning_rate=0.002``.
     Raises InputError: an unreadable file, an unknown key, or a value out of range, by name."""
+    return _validate(given_tables(path, overrides), "", base, "overrides")
+
+
+def given_tables(path: Path | str | None, overrides: Sequence[str]) -> dict[str, Any]:
+    """The tables of a file, then single values like ``foreground.learning_rate=0.002``. Raises InputError: an
+    unreadable file, or one with an unknown key or a value out of range."""
     tables = {} if path is None else load_toml(Path(path), "a TOML configuration")
-    config = _validate(tables, str(path), base)
-    if not overrides:
-        return config
+    _validate(tables, str(path), None)
     for value in overrides:
         _apply(tables, value)
-    return _validate(tables, "", base, "overrides")
+    return tables
 
 
 def config_of(tables: Mapping[str, Any], source: str = "", argument: str = "", base: Config | None = None) -> Config:
@@ -105,11 +109,7 @@ def _apply(tables: dict[str, Any], setting: str) -> None:
         value = parse_toml(f"value = {text}")["value"]
     except ValueError:
         value = text.strip()
-    for key in keys[:-1]:
-        tables = tables.setdefault(key, {})
-        if not isinstance(tables, dict):
-            raise InputError(f"expected a table at {key!r}, found a value in {setting!r}", argument="overrides")
-    tables[keys[-1]] = value
+    tables[".".join(keys)] = value
 
 
 def _over(defaults: dict[str, Any], tables: dict[str, Any]) -> dict[str, Any]:

@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import math
+import re
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -15,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.errors import InputError
-from calib.types import I64, Bool
+from calib.types import F64, I64, Bool
 from planview.trajectories.file import Region, warn_of
 from planview.trajectories.table import Trajectories, frame_period_s, rows_by_id
 
@@ -30,6 +31,12 @@ HELP = {
     "ignore": "ignore POLYGON ((x y, ...)): delete rows inside",
 }
 """Kinds of edits, and how each is written."""
+
+
+def edit_line(kind: str, edit: Sequence[float] | float | str) -> str:
+    """An edit from its numbers, or from words such as 3:7 or 5@120."""
+    numbers = re.split("[:@]", edit) if isinstance(edit, str) else np.ravel(edit).tolist()
+    return " ".join(map(str, [kind, *numbers]))
 
 
 def edited(table: Trajectories, lines: Sequence[str]) -> Trajectories:
@@ -52,11 +59,11 @@ def _applied(table: Trajectories, line: str, newest: int) -> Trajectories:
             held = region.contains(table)
             return table.where(held if kind == "region" else ~held)
         if kind in ("shorter", "join-gaps"):
-            values = [float(word) for word in words]
+            values = list(map(float, words))
             if not all(0 <= value < 1e6 for value in values):
                 raise ValueError
             return _shorter(table, *values) if kind == "shorter" else _join_gaps(table, *values)
-        track_id, *numbers = (int(word) for word in words)
+        track_id, *numbers = map(int, words)
         return _BY_ID[kind](table, track_id, newest, *numbers)
     except (KeyError, ValueError, TypeError):
         raise InputError(f"{line!r}: expected {HELP.get(kind, 'one of ' + ', '.join(HELP))}") from None
@@ -141,21 +148,21 @@ class _Ends(NamedTuple):
     track_id: int
     first_frame: int
     last_frame: int
-    first_m: tuple[float, float]
-    last_m: tuple[float, float]
+    first_m: F64
+    last_m: F64
 
 
 def _people(table: Trajectories) -> list[_Ends]:
     """The tracks with a place on the floor that were ever confirmed, by first frame; others are nobody's flickers."""
-    confirmed = np.unique(table.track_id[table.state == "confirmed"])
-    has_place = np.isfinite(table.x_m + table.y_m)
+    confirmed = set(table.track_id[table.state == "confirmed"])
+    places = np.column_stack([table.x_m, table.y_m])
     people = []
     for track_id, rows in rows_by_id(table.track_id):
-        seen = rows[has_place[rows]]
+        seen = places[rows]
+        seen = seen[np.isfinite(seen).all(axis=1)]
         if track_id in confirmed and len(seen):
-            first_m = float(table.x_m[seen[0]]), float(table.y_m[seen[0]])
-            last_m = float(table.x_m[seen[-1]]), float(table.y_m[seen[-1]])
-            people.append(_Ends(track_id, int(table.frame[rows[0]]), int(table.frame[rows[-1]]), first_m, last_m))
+            first, last = table.frame[rows[[0, -1]]].tolist()
+            people.append(_Ends(track_id, first, last, seen[0], seen[-1]))
     return sorted(people, key=lambda track: track.first_frame)
 
 

@@ -57,7 +57,8 @@ def changes_csv(changes: Iterable[Change]) -> str:
 def smoothed(times_s: F64, xy_m: F64, measured: Bool) -> tuple[F64, F64]:
     """(N, 2) positions [m] and velocities [m/s] at (N,) rising times [s] from (N, 2) positions where measured, the
     first among them, before and after (Rauch, Tung, Striebel 1965)."""
-    state = FloorKalman.at(float(xy_m[0, 0]), float(xy_m[0, 1]), POSITION_STD_M)
+    x_m, y_m = xy_m.T.tolist()
+    state = FloorKalman.at(x_m[0], y_m[0], POSITION_STD_M)
     # After, and before, the measurement of every row.
     filtered = [state]
     predicted = [state]
@@ -66,7 +67,7 @@ def smoothed(times_s: F64, xy_m: F64, measured: Bool) -> tuple[F64, F64]:
         state = state.predict(step_s, body.ACCELERATION_MPS2)
         predicted.append(state)
         if measured[row]:
-            state = state.update(float(xy_m[row, 0]), float(xy_m[row, 1]), POSITION_STD_M)
+            state = state.update(x_m[row], y_m[row], POSITION_STD_M)
         filtered.append(state)
     states = np.array([state.mean for state in filtered])
     for row in range(len(filtered) - 2, -1, -1):
@@ -98,8 +99,8 @@ def refine(tracks: Trajectories) -> Refined:
         raise InputError("expected floor positions in all confirmed rows to refine them, found rows without")
     untimed = not np.isfinite(tracks.timestamp_s).any()
     tracks = replace(tracks, timestamp_s=Clock(tracks, USUAL_FPS).at(tracks.frame))
-    people: list[Trajectories] = []
-    parts: list[Trajectories] = []
+    people = list[Trajectories]()
+    parts = list[Trajectories]()
     for _, rows in rows_by_id(tracks.track_id):
         track = tracks.where(rows)
         is_person = (track.state == "confirmed").any()
@@ -121,9 +122,9 @@ def _join_tracks(tracks: Sequence[Trajectories]) -> tuple[list[Trajectories], li
     log-odds sum to most, those by which the tracker recognises people (it saw clothes as well and took the later track
     for a stranger)."""
     former_of = _former_tracks(tracks)
-    person_of: list[int] = []  # place of the person's first track
+    person_of = list[int]()  # place of the person's first track
     chains: dict[int, list[Trajectories]] = {}
-    changes: list[Change] = []
+    changes = list[Change]()
     for place, track in enumerate(tracks):
         if place not in former_of:
             person_of.append(place)
@@ -137,7 +138,7 @@ def _join_tracks(tracks: Sequence[Trajectories]) -> tuple[list[Trajectories], li
         chains[person][-1] = before.where(before.frame < track.frame[0])
         chains[person].append(track)
         changes.append(_join_change(int(tracks[person].track_id[0]), before, track, log_odds))
-    people: list[Trajectories] = []
+    people = list[Trajectories]()
     for chain in chains.values():
         path = concatenate(chain)
         people.append(replace(path, track_id=np.full(len(path), chain[0].track_id[0])))
@@ -220,9 +221,7 @@ def _smoothed_path(path: Trajectories) -> tuple[Trajectories, Change]:
         if not len(starts):
             continue
         within = rows[(rows >= starts[0]) & (rows <= last)]
-        places_m, velocities = smoothed(path.timestamp_s[within], before_m[within], is_measured[within])
-        after_m[within] = places_m
-        velocity[within] = velocities
+        after_m[within], velocity[within] = smoothed(path.timestamp_s[within], before_m[within], is_measured[within])
     first = int(np.flatnonzero(is_measured)[0])
     counted = np.flatnonzero(is_measured[: last + 1])
     moved_m = np.hypot(*(after_m - before_m)[counted].T)

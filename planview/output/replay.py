@@ -43,7 +43,7 @@ def difference_text(results: RunFolder, replayed: ReplayedRun, frame: int) -> li
     return lines + _different_decisions(results.path / "decisions.csv", replayed, frame)
 
 
-def write_difference(results: RunFolder, replayed: ReplayedRun, frame: int, title: str, path: Path) -> None:
+def write_difference(results: RunFolder, replayed: ReplayedRun, frame: int, path: Path) -> None:
     """Write a picture: the frame as it was tracked on top, as it is tracked now below."""
     frames = frames_or_none(results, warnings.warn)
     image = None if frames is None else frames.image(frame)
@@ -51,7 +51,8 @@ def write_difference(results: RunFolder, replayed: ReplayedRun, frame: int, titl
     before = SceneComposer(results.as_tracked, bounds=bounds)(frame, image)
     after = SceneComposer(replayed.results, bounds=bounds)(frame, image)
     width = max(before.shape[1], after.shape[1])
-    write_image(path, np.vstack([_with_title(before, "as it was run", width), _with_title(after, title, width)]))
+    pictures = _with_title(before, "as it was run", width), _with_title(after, "tracked again", width)
+    write_image(path, np.vstack(pictures))
 
 
 def _with_title(picture: U8, title: str, width: int) -> U8:

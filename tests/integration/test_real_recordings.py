@@ -85,7 +85,7 @@ def test_pets_boxes_reach_what_is_asked(shared_data, camera):
     scores = []
     for n in range(3):  # cameras that are nearly alike: small changes decide who is who in a group
         alike = replace(camera, focal_px=camera.focal_px * (1.0 + 1e-5 * n))
-        tracks = run(folder / "view001.mp4", tracker="human-model", camera=alike)
+        tracks = run(folder / "view001.mp4", tracker="human-model", calibration=alike)
         scores.append(evaluate_tracks(tracks, truth, EvaluationParams(match_on="boxes", fps=7.0)))
     assert np.mean([score.mota for score in scores]) >= 0.80
     assert np.mean([score.idf1 for score in scores]) >= 0.88

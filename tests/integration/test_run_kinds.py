@@ -141,7 +141,8 @@ def test_a_rig_without_a_frame_is_left_out_of_that_moment(sensors, engine):
 
 
 def test_check_compares_every_sensor(sensors):
-    checks = {check.name: check for check in planview.check(sensors, frames=8, overrides=[FEW]).value}
+    found = planview.check(sensors, frames=8, config={"analysis.setup_frames": 4})
+    checks = {check.name: check for check in found.value}
     assert {"left_one: floor share", "right_one: floor share"} <= checks.keys()
     assert checks["left_one and right_one: people apart"].value < 0.05
 
@@ -219,7 +220,7 @@ def test_run_tracks_the_boxes_of_a_file(video, tmp_path, succeed, json_of, refus
 
 def test_python_takes_an_array_per_frame(video, tmp_path):
     boxes = [np.array([box()])] * 20
-    tracks = planview.run(video, detections=boxes, camera=tmp_path / "camera.toml")
+    tracks = planview.run(video, detections=boxes, calibration=tmp_path / "camera.toml")
     last = tracks.frame == 19
     assert tracks.y_m[last] == pytest.approx([6.0], abs=0.3)
 

@@ -181,7 +181,7 @@ def test_the_parts_of_the_users_own_are_named_in_run_json(engine, tmp_path):
 def matched(copy, tmp_path) -> Path:
     """The folder of a run with a matcher of the user's own."""
     folder = tmp_path / "matched"
-    planview.run(copy, out=folder, matcher=OwnMatcher("one"), frames=5, overrides=[FEW])
+    planview.run(copy, out=folder, matcher=OwnMatcher("one"), frames=5, config={"analysis.setup_frames": 4})
     return folder
 
 

@@ -21,15 +21,15 @@ def test_options_of_a_command_are_arguments_of_the_function_of_its_name(words):
     command = make_app()[words[0]] if len(words) == 1 else make_app()["calibrate"][words[1]]
     options = {argument.field_info.name for argument in command.assemble_argument_collection()}
     arguments = inspect.signature(function).parameters
-    assert options - {"json", "all", "print_config", "quiet"} <= arguments.keys()
+    assert options - {"json", "all", "print_config", "quiet", "set"} <= arguments.keys()
     assert arguments.keys() - options <= {"camera", "matcher", "watch", "progress"}
 
 
-def test_parameters_are_tables_or_dotted_names_or_a_file_changed_by_set(tmp_path):
+def test_parameters_are_tables_or_dotted_names_or_a_file_over_a_base(tmp_path):
     (tmp_path / "c.toml").write_text("[foreground]\nbeta = 4\n")
     expected = settings({"foreground": {"beta": 4}})
     assert expected == settings({"foreground.beta": 4}) == settings(tmp_path / "c.toml")
-    assert settings({"seed": 3}, ["foreground.beta=4"]) == expected.model_copy(update={"seed": 3})
+    assert settings({"seed": 3}, expected) == expected.model_copy(update={"seed": 3})
     with pytest.raises(InputError, match=r"config=: .*did you mean foreground\.beta"):
         settings({"foreground.bta": 4})
 

@@ -356,13 +356,13 @@ def test_sweep_without_a_process_is_refused(tmp_path):
     ],
 )
 def test_arguments_of_python_are_shown_as_options(error, in_python, typed_as):
-    assert (str(error), typed(error, {"overrides": "--set"})) == (in_python, typed_as)
+    assert (str(error), typed(error)) == (in_python, typed_as)
     assert str(error.about("file")) == in_python.replace(error.args[0], f"file: {error.args[0]}")
 
 
 def test_lens_without_a_place_names_the_command_that_finds_it():
     hint = "(planview calibrate human VIDEO --auto --focal 410 --out camera.toml writes one)"
-    assert typed(LensOnlyError(Path("lens.yaml"), "OpenCV", 410.2), {}).endswith(f"focal length 410 px) {hint}")
+    assert typed(LensOnlyError(Path("lens.yaml"), "OpenCV", 410.2)).endswith(f"focal length 410 px) {hint}")
 
 
 @pytest.mark.parametrize("room", ["calib", "stereo", "planview"])

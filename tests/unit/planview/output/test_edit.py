@@ -46,8 +46,8 @@ def test_an_edit_that_is_refused_changes_nothing(run, cli):
     assert (run / "tracks.csv").read_bytes() == before and not (run / "edits.json").exists()
 
 
-def test_an_edit_written_in_another_form_is_refused_with_the_form_of_its_option(run, cli):
-    assert cli("edit", run, "--join", "1-2") == (2, "planview: --join: expected A:B, found '1-2'\n")
+def test_an_edit_written_in_another_form_is_refused_with_its_form(run, cli):
+    assert cli("edit", run, "--join", "1-2")[1].startswith("planview: 'join 1-2': expected join A B")
 
 
 @pytest.mark.parametrize("name", ["decisions.csv", "events.csv", "counts.json"])
