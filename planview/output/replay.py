@@ -109,10 +109,10 @@ def _different_decisions(path: Path, replayed: ReplayedRun, last: int) -> list[s
     if not path.is_file():
         return ["no decisions.csv to compare decisions with"]
     before = _decisions_of(path, last)
-    now = [(frame, f"{d.track_id} {d.kind}: {d.reason}") for frame, d in replayed.decisions]
-    different = [(frame, "before", text) for frame, text in _without(before, now)]
-    different += [(frame, "now", text) for frame, text in _without(now, before)]
-    different.sort(key=lambda row: row[0])
+    now = {(frame, f"{d.track_id} {d.kind}: {d.reason}") for frame, d in replayed.decisions}
+    different = [(frame, "before", text) for frame, text in before - now]
+    different += [(frame, "now", text) for frame, text in now - before]
+    different.sort()
     lines = [f"only {run}, frame {frame}: {text}" for frame, run, text in different[-DECISIONS_MAX:]]
     n_left_out = len(different) - len(lines)
     if n_left_out:
@@ -120,20 +120,15 @@ def _different_decisions(path: Path, replayed: ReplayedRun, last: int) -> list[s
     return lines
 
 
-def _decisions_of(path: Path, last: int) -> list[FrameText]:
+def _decisions_of(path: Path, last: int) -> set[FrameText]:
     """Decisions of a table up to the last frame, without matches."""
-    decisions = []
+    decisions = set()
     with reading_decisions(path) as rows:
         for row in rows:
             frame = int(row["frame"])
             if row["kind"] != "matched" and frame <= last:
-                decisions.append((frame, f"{row['id']} {row['kind']}: {row['reason']}"))
+                decisions.add((frame, f"{row['id']} {row['kind']}: {row['reason']}"))
     return decisions
-
-
-def _without(decisions: list[FrameText], others: list[FrameText]) -> list[FrameText]:
-    left_out = set(others)
-    return [decision for decision in decisions if decision not in left_out]
 
 
 @dataclass(frozen=True, eq=False)

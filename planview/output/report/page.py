@@ -19,7 +19,7 @@ from planview.evaluation.result import LABELS, Evaluation
 from planview.output.folder import RunInfo, write_result
 from planview.output.report import plots
 from planview.output.report.plots import Picture, picture
-from planview.output.report.snapshots import ERRORS_MAX, read_decision_log, scene_pictures
+from planview.output.report.snapshots import DECISIONS_MAX, ERRORS_MAX, read_decision_log, scene_pictures
 from planview.output.run_folder import RunFolder
 from planview.output.words import figure_text, figures_of, flat_settings, words_of
 from planview.trajectories.plot import person_hex
@@ -83,6 +83,7 @@ def write_report(folder: Path, truth: Path | None = None) -> Path:
         scores=evaluation_rows(evaluation),
         errors=errors,
         errors_max=ERRORS_MAX,
+        decisions_max=DECISIONS_MAX,
         n_people=len(results.people),
         people=_people(results),
         camera=_camera_rows(info),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
@@ -22,62 +22,28 @@ from planview.evaluation.significant import SignificantError
 from planview.output.report.plots import Picture, picture
 from planview.output.run_folder import RunFolder
 from planview.output.tables import reading_decisions
-from planview.tracking.base import ScoreTerms
 
 if TYPE_CHECKING:
     from planview.output.render import SceneFrames
 
 
-TERMS = ScoreTerms._fields
-EVENTS_MAX = 80
+DECISIONS_MAX = 80
 """Decisions listed per person; decisions.csv has them all."""
 
 
-def read_decision_log(path: Path, people: set[int]) -> dict[int, dict[str, Any]]:
-    """The decisions of some people, as the page shows them; empty where there is no decisions.csv.
-
-    Of each person ``events`` (frame, time [s], kind and reason of all but matches), ``more`` of them that are left out,
-    and ``scores``, the matches in one sentence. Raises InputError: not a table of decisions."""
+def read_decision_log(path: Path, people: set[int]) -> dict[int, list[tuple[str, ...]]]:
+    """Frame, time [s], kind and reason of the decisions on some people, without matches; empty where there is no
+    decisions.csv. Raises InputError: not a table of decisions."""
     if not path.is_file():
         return {}
-    events: dict[int, list[tuple[str, ...]]] = {}
-    matches: dict[int, list[list[float]]] = {}
+    logs: dict[int, list[tuple[str, ...]]] = {}
     with reading_decisions(path) as rows:
         for row in rows:
             person = int(row["id"])
-            if person not in people:
-                continue
-            events.setdefault(person, [])
-            if row["kind"] == "matched":
-                scores = [float(row.get(name) or "nan") for name in ("frame", "value", *TERMS)]
-                matches.setdefault(person, []).append(scores)
-            else:
-                events[person].append((row["frame"], f"{float(row['timestamp_s']):.2f}", row["kind"], row["reason"]))
-    logs: dict[int, dict[str, Any]] = {}
-    for person, all_events in events.items():
-        shown = all_events
-        if len(all_events) > EVENTS_MAX:
-            shown = [*all_events[: EVENTS_MAX - 10], *all_events[-10:]]
-        scores_text = _matches_text(np.array(matches.get(person, []), dtype=np.float64).reshape(-1, 2 + len(TERMS)))
-        logs[person] = {"events": shown, "more": len(all_events) - len(shown), "scores": scores_text}
+            if person in people and row["kind"] != "matched":
+                decision = row["frame"], f"{float(row['timestamp_s']):.2f}", row["kind"], row["reason"]
+                logs.setdefault(person, []).append(decision)
     return logs
-
-
-def _matches_text(matched: F64) -> str:
-    """A sentence on frames, scores and terms (N, 2 + terms) of matches."""
-    matches = matched[np.isfinite(matched[:, 1])]
-    if not len(matches):
-        return f"matched in {len(matched)} frames" if len(matched) else ""
-    worst = matches[np.argmax(matches[:, 1])]
-    text = (
-        f"matched in {len(matches)} frames, {matches[0, 0]:.0f} to {matches[-1, 0]:.0f}; median score "
-        f"{np.median(matches[:, 1]):.2f}, worst {worst[1]:.2f} in frame {worst[0]:.0f}"
-    )
-    terms = worst[2:]
-    if np.isfinite(terms).all():
-        named = [f"{name} {value:.2f}" for name, value in zip(TERMS, terms, strict=True)]
-        text += f" ({', '.join(named)})"
-    return text
 
 
 ERRORS_MAX = 12
