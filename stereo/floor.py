@@ -50,8 +50,6 @@ LIKE_LIGHT = 0.2
 """Logarithm of the ratio of two images' mean luma up to which they show the same light: people change it by less."""
 MIN_VALID = 0.03
 """Smallest share of pixels with disparity in the median frame: a bare room still has more, unrelated images less."""
-_BLIND_PAIR = "the images are not a pair of this rig, or show no texture"
-BLIND_SENSOR = "everything is out of the sensor's range"
 
 
 class FloorSearch(Params):
@@ -150,13 +148,13 @@ class PairFrames:
         pair = self.rectifier(*frame.images)
         return self.rectifier.geometry.depth(self._match(pair.left_grey, pair.right_grey))
 
-    def floor(self) -> Floor:
-        """The floor common to the frames: found in the depth of each, then aligned with their images. Raises WorkError:
-        hardly any disparity is valid, or no floor is visible."""
+    def floor(self, every: int = 1) -> Floor:
+        """The floor common to the frames, or to every n-th: found in the depth of each, then aligned with their images.
+        Raises WorkError: hardly any disparity is valid, or no floor is visible."""
         geometry = self.rectifier.geometry
-        alike = np.flatnonzero(of_like_light(self.greys))
+        alike = np.flatnonzero(of_like_light(self.greys))[::every]
         pairs = [self.rectified[k] for k in alike]
-        depths = [self.depths[k] for k in alike]
+        depths = [self.depths[k] for k in alike] if every == 1 else [self.depth_of(self.frames[k]) for k in alike]
 
         def align(plane: Plane) -> Plane:
             left = median_image([pair.left_grey for pair in pairs])
@@ -164,7 +162,7 @@ class PairFrames:
             aligned = align_plane(plane, left, right, median_image(depths), geometry)
             return with_calibration_errors(aligned, geometry.baseline_m, self.correction)
 
-        return floor_in(depths, geometry, self._search.floor, _BLIND_PAIR, align)
+        return floor_in(depths, geometry, self._search.floor, align)
 
 
 class DepthFrames:
@@ -220,11 +218,12 @@ class DepthFrames:
         """(H, W) float32 depth [m] of another frame, NaN where unknown."""
         return self.rectifier(*frame.images)[1]
 
-    def floor(self) -> Floor:
-        """The floor common to the frames. Raises WorkError: hardly any depth, or no floor is visible."""
+    def floor(self, every: int = 1) -> Floor:
+        """The floor common to the frames, or to every n-th. Raises WorkError: hardly any depth, or no floor is
+        visible."""
         geometry = self.rectifier.geometry
         align = partial(with_calibration_errors, baseline_m=geometry.baseline_m)
-        return floor_in(self.depths, geometry, self._search.floor, BLIND_SENSOR, align)
+        return floor_in(self.depths[::every], geometry, self._search.floor, align)
 
 
 FRAMES: dict[type, Callable[..., PairFrames | DepthFrames]] = {StereoPair: PairFrames, DepthCamera: DepthFrames}
@@ -325,15 +324,12 @@ def floor_in(
     depths: Iterable[F32],
     geometry: RectifiedGeometry,
     params: FloorParams,
-    blind: str,
     align: Callable[[Plane], Plane] | None = None,
 ) -> Floor:
     """The floor common to the (H, W) float32 depth images of some frames [m], NaN where unknown. Raises WorkError:
     there is hardly any depth, or no floor is visible.
 
-    Args:
-        blind: what may be wrong when there is hardly any depth, for the message.
-        align: improves the plane that was chosen.
+    ``align`` improves the plane that was chosen.
     """
     fitted = np.s_[::FITTED_STEP_PX, ::FITTED_STEP_PX]
     rays = back_project(np.ones(geometry.size[::-1], np.float32), geometry)[fitted]
@@ -341,7 +337,10 @@ def floor_in(
     clouds = [grid.reshape(-1, 3) for grid in grids]
     valid = float(np.median([np.isfinite(cloud[:, 2]).mean() for cloud in clouds])) if clouds else 0.0
     if valid < MIN_VALID:
-        raise WorkError(f"expected depth in at least {MIN_VALID:.0%} of the pixels, found {valid:.1%}: {blind}")
+        raise WorkError(
+            f"expected depth in at least {MIN_VALID:.0%} of the pixels, found {valid:.1%}: the images are not of this "
+            "calibration, show no texture, or all is out of range"
+        )
     sigma_z = None
     if geometry.depth_std_min_m > 0.0:
         share = FLOOR_DISPARITY_STD_PX / geometry.disparity_std_px  # what medians leave of a frame's noise
@@ -369,13 +368,9 @@ def moved_patches(grids: Sequence[F32]) -> list[F64]:
     return patches
 
 
-def setup_frames(recording: Recording[Any], count: int = SETUP_FRAMES) -> list[Frame[Shot]]:
-    """Usable frames spread over a recording, of the view that most of them show. Raises WorkError: there is none."""
-    return frames_of_one_view(recording, count)[0]
-
-
 def frames_of_one_view(recording: Recording[Any], count: int) -> tuple[list[Frame[Shot]], SpreadView]:
-    """``setup_frames``, and where the cameras look over the recording, by index of its frames."""
+    """Usable frames spread over a recording, of the view that most of them show, and where the cameras look over the
+    recording, by index of its frames. Raises WorkError: there is none."""
     frames = recording.sample(count)
     if not frames:
         raise WorkError(f"{recording.path}: none of {recording.n_frames} frames can be used")

@@ -252,11 +252,10 @@ class Rectifier:
 
 
 def aligned_rectifier(
-    rig: StereoRig, frames: Iterable[Frame[Shot]], params: RectifyParams | None = None
+    rig: StereoRig, frames: Iterable[Frame[Shot]], params: RectifyParams
 ) -> tuple[Rectifier, Rectifier, RigCorrection]:
     """Rectifiers of the calibration as it is and as some frames correct it, a dozen spread over the recording, so that
     light and movement differ; and what was measured, in pixels of the images of the second."""
-    params = params or RectifyParams()
     # Longest side of the images in which the calibration is corrected [px]: more cost time.
     plain = Rectifier(rig, params.model_copy(update={"working_px": 1280}))
     searched = disparity_range(plain.geometry)

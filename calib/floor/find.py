@@ -48,7 +48,7 @@ def find_floor(
     Candidates come from RANSAC; the floor is the likeliest plane that a camera looking down with little roll could
     stand above, with next to nothing seen beneath it (``choose_floor``). It is refined by robust least squares in
     inverse depth. Medians over all frames in cells of the view are fitted: people who walk through do not count. Raises
-    WorkError: no floor is visible; the message names what was seen instead. Raises ValueError: shapes do not fit.
+    WorkError: no floor is visible; the message names what was seen instead.
 
     Args:
         clouds: one (N, 3) array of points per frame [m], rectified left camera frame; rows with NaN are skipped.
@@ -159,11 +159,6 @@ def _height_and_angles(plane: Plane) -> F64:
 def _thin_points(clouds: Sequence[F32], sigma_z: Sequence[F32] | None, noise: float) -> Rays:
     """Valid points of all clouds, thinned evenly to what the fit looks at; ``noise`` is that of inverse depth without
     deviations."""
-    for cloud in clouds:
-        if np.ndim(cloud) != 2 or np.shape(cloud)[1] != 3:
-            raise ValueError(f"expected clouds of (N, 3) points, got {np.shape(cloud)}")
-    if sigma_z is not None and list(map(len, sigma_z)) != list(map(len, clouds)):
-        raise ValueError("expected one depth deviation per point")
     stride = max(1, math.ceil(sum(map(len, clouds)) / FIT_POINTS))
     points = _thin(clouds, stride).reshape(-1, 3)
     z = points[:, 2]

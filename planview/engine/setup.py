@@ -12,7 +12,6 @@ import numpy as np
 
 from calib.errors import InputError, WorkError
 from calib.rig import Floor
-from calib.types import F64
 from calib.world import RIGS_FILE
 from planview.checks.check import Check
 from planview.checks.images import image_checks
@@ -33,7 +32,6 @@ from stereo.floor import DepthFrames, FloorSearch, PairFrames, spread_frames
 from stereo.matcher import Matcher, disparity_range
 from stereo.measure import DepthMeasure, Measure, PairMeasure
 from stereo.recording import DepthCamera, Recording, StereoPair
-from stereo.rectify import Rectifier
 from stereo.viewpoint import Viewpoints
 
 
@@ -76,7 +74,7 @@ def _set_up_pair(seen: PairFrames, recording: Recording[StereoPair], config: Con
     light = image_checks(seen.frames)
     search = floor_search(config)
     try:
-        refuse_foreign(seen.plain, seen.matches)
+        refuse_foreign(seen)
         floor, source = _floor_of(recording, seen, config)
         if floor.doubt and any(check.name == "compression" and check.failed for check in light):
             raise WorkError(f"no floor found: {floor.doubt}, and compressed blocks match like such a plane")
@@ -144,11 +142,17 @@ def _floor_of(
     given = recording.sensor.world_SE3_left
     if given is None:
         return seen.floor(), "found"
-    _analysed(recording.path, seen.rectifier.geometry, Floor(given), pose_file, config)  # one out of view is refused
+    floor = Floor(given)
+    _analysed(recording.path, seen.rectifier.geometry, floor, pose_file, config)  # one out of view is refused
+    with suppress(WorkError):
+        # A sixth of the frames shows well enough that a floor fits.
+        if given_floor_check(seen, given, Floor(seen.floor(6).world_SE3_left), pose_file).ok:
+            return floor, pose_file
     with suppress(WorkError):  # a floor that is hidden is given
-        if not (check := given_floor_check(seen, given, seen.floor(), pose_file)).ok:
+        check = given_floor_check(seen, given, seen.floor(), pose_file)
+        if check.failed:
             raise InputError(f"{recording.path}: {check.note}")
-    return Floor(given), pose_file
+    return floor, pose_file
 
 
 def _analysed(path: Path, geometry: RectifiedGeometry, floor: Floor, source: str, config: Config) -> tuple[Grid, int]:
@@ -166,17 +170,18 @@ def floor_search(config: Config) -> FloorSearch:
     return FloorSearch(frames=frames, rectify=config.rectify, range=config.range, sgbm=config.sgbm, floor=config.floor)
 
 
-def refuse_foreign(rectifier: Rectifier, matches: F64) -> None:
-    """Matched corners, (N, 4) float64 [px] as from ``match_corners``, lie nearer than infinity and about on their rows
-    in the images of the calibration as it is. Raises WorkError: they do not."""
+def refuse_foreign(seen: PairFrames) -> None:
+    """Matched corners lie nearer than infinity and about on their rows in the images of the calibration as it is.
+    Raises WorkError: they do not."""
+    matches = seen.matches
     # Fewest corners matched in both images by which they are (our choice).
     if len(matches) < 40:
         return
-    beyond = float(np.mean(matches[:, 0] - matches[:, 2] <= -0.5))
+    beyond = np.mean(matches[:, 0] <= matches[:, 2] - 0.5)
     # Of swapped images nearly all are beyond (our choice).
     if beyond > 0.5:
         raise WorkError(f"expected matched corners nearer than infinity, found {beyond:.0%} of them beyond")
-    rows_deg = math.degrees(float(np.median(np.abs(matches[:, 3]))) / rectifier.geometry.focal_v_px)
+    rows_deg = np.degrees(np.median(np.abs(matches[:, 3])) / seen.plain.geometry.focal_v_px)
     # Largest median row offset of the corners as an angle: a camera that turned by more has lost its calibration (our
     # choice; a worn factory calibration has 0.1).
     if rows_deg > 1.0:

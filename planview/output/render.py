@@ -31,7 +31,7 @@ from planview.output.folder import writing
 from planview.output.run_folder import RunFolder
 from planview.progress import Progress, unseen
 from stereo.depth import median_image, point_cloud
-from stereo.floor import setup_frames
+from stereo.floor import frames_of_one_view
 from stereo.readers import OpenOptions
 from stereo.readers.base import AnyRecording
 from stereo.readers.open import OF_TWO_IMAGES, READERS, SeveralSensors, open_by
@@ -307,8 +307,9 @@ def scene_of(path: Path, options: OpenOptions | None = None) -> PointCloud:
             options = run.options
     opened: AnyRecording = open_by(OF_TWO_IMAGES if options.calibration is None else READERS, recording, options)
     rig = set_up(opened, config)
-    depths = [rig.measure(frame.images) for frame in setup_frames(opened, config.analysis.setup_frames)]
-    colours = np.median(np.stack([as_colour(depth.image) for depth in depths]), axis=0).astype(np.uint8)
+    spread, _ = frames_of_one_view(opened, config.analysis.setup_frames)
+    depths = [rig.measure(frame.images) for frame in spread]
+    colours = np.median([as_colour(depth.image) for depth in depths], axis=0).astype(np.uint8)
     disparity = median_image([depth.disparity for depth in depths])
     return point_cloud(disparity, colours, rig.geometry, rig.floor.world_SE3_left, rig.reduction)
 

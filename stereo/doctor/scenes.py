@@ -114,7 +114,7 @@ def floor_view(scene: DepthScene, search: FloorSearch) -> FloorView:
     if not len(known) or not NEAREST_M < np.median(known) < FARTHEST_M:
         return FloorView()
     try:
-        floor = floor_in(scene.depths, scene.geometry, search.floor, "")
+        floor = floor_in(scene.depths, scene.geometry, search.floor)
     except WorkError:
         return FloorView()
     off = math.log(floor.height_m / CAMERA_M) / CAMERA_SPREAD

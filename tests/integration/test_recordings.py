@@ -14,7 +14,7 @@ from stereo.depth import RectifiedGeometry
 from stereo.floor import FloorSearch, PairFrames, spread_frames
 from stereo.matcher import DisparityRange, SgbmMatcher
 from stereo.readers import find_layout, open_recording
-from stereo.rectify import Rectifier, aligned_rectifier
+from stereo.rectify import Rectifier, RectifyParams, aligned_rectifier
 
 STEREO = [
     ("euroc-asl", "euroc", (752, 480), 12, 20.0, 458.654, 0.11008),
@@ -174,7 +174,7 @@ def test_overhead_pair_is_corrected_by_its_own_matches(shared_data):
     about_x, about_y = np.degrees([np.arctan2(-up[1], -up[2]), np.arcsin(up[0])])
     assert about_x == pytest.approx(10.9, abs=1.0)  # at 640 px; 0.4 at the recorded 1280
     assert about_y == pytest.approx(2.8, abs=1.0)
-    half = aligned_rectifier(recording.sensor.rig, pairs.frames[1::2])[2]
+    half = aligned_rectifier(recording.sensor.rig, pairs.frames[1::2], RectifyParams())[2]
     assert np.all(np.abs(half.angles - found.angles) < 3.0 * found.deviations)
 
 

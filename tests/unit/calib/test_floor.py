@@ -209,17 +209,16 @@ LINE = np.column_stack([np.ones(1200), np.linspace(-1e5, 1e5, 1200), np.ones(120
 
 
 @pytest.mark.parametrize(
-    ("cloud", "error", "found"),
+    ("cloud", "found"),
     [
-        (np.random.default_rng(1).normal((0, 0, 5), 1, (20000, 3)).astype(np.float32), WorkError, "no floor found"),
-        (np.full((5000, 3), np.nan, np.float32), WorkError, "only 0 points"),
-        (LINE, WorkError, None),
-        (np.zeros((5, 4), np.float32), ValueError, r"\(N, 3\)"),
+        (np.random.default_rng(1).normal((0, 0, 5), 1, (20000, 3)).astype(np.float32), "no floor found"),
+        (np.full((5000, 3), np.nan, np.float32), "only 0 points"),
+        (LINE, None),
     ],
-    ids=["a ball of clutter", "no depth", "an upright line", "another shape"],
+    ids=["a ball of clutter", "no depth", "an upright line"],
 )
-def test_floor_refuses_clouds_that_show_none(cloud, error, found):
-    with pytest.raises(error, match=found):
+def test_floor_refuses_clouds_that_show_none(cloud, found):
+    with pytest.raises(WorkError, match=found):
         find_floor([cloud], focal_px=FOCAL_PX, baseline_m=BASELINE_M)
 
 

@@ -57,7 +57,7 @@ WALK = [(0.5 * step - 1.5, 3.0 + 0.2 * (step % 3)) for step in range(8)]
 def test_floor_is_found_where_the_only_person_carries_a_board():
     pose, noise = camera(58, 2.6), np.random.default_rng(0)
     depths = [depth_of([*ROOM, man(*at), board(*at)], pose, noise) for at in WALK]
-    floor = floor_in(depths, VIEW, FloorParams(), "")
+    floor = floor_in(depths, VIEW, FloorParams())
     assert (floor.height_m, math.degrees(floor.tilt_rad)) == pytest.approx((2.6, 58), abs=0.3)
 
 
@@ -67,5 +67,5 @@ def test_floor_of_a_level_camera_is_found_where_monitors_flicker():
     for step, at in enumerate(WALK):
         flickers = [edge(x, 1.6) for x in (-1.0, -0.35, 0.35, 1.0) if step % 2]
         depths.append(depth_of([*ROOM, man(at[0], at[1] + 1.0), *flickers], pose, noise))
-    floor = floor_in(depths, VIEW, FloorParams(), "")
+    floor = floor_in(depths, VIEW, FloorParams())
     assert (floor.height_m, math.degrees(floor.tilt_rad)) == pytest.approx((1.07, 90), abs=0.3)

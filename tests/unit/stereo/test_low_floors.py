@@ -9,7 +9,7 @@ import pytest
 from calib.camera import Camera
 from calib.floor.plane import FloorParams
 from calib.rig import Floor, world_from_plane
-from stereo.floor import BLIND_SENSOR, floor_in
+from stereo.floor import floor_in
 from stereo.rgbd import NOISE, RgbdRectifier
 
 CAMERA = Camera(320, 240, 230.0, 230.0, 159.5, 119.5)
@@ -72,7 +72,7 @@ def test_floor_of_a_level_camera_is_found_among_larger_walls(tilt_deg, walks):
     passing = np.fmin(depth, cast([WALKER], true)[0])
     frames = [measured(passing if walks and i % 2 else depth, rng) for i in range(FRAMES)]
     geometry = RgbdRectifier(CAMERA, "structured-light").geometry
-    found = floor_in(frames, geometry, FloorParams(), BLIND_SENSOR)
+    found = floor_in(frames, geometry, FloorParams())
     turned = float(found.world_SE3_left.rotation[2] @ true.world_SE3_left.rotation[2])
     assert found.height_m == pytest.approx(HEIGHT_M, abs=0.01)
     assert math.degrees(math.acos(min(1.0, turned))) < 0.5

@@ -106,7 +106,7 @@ def test_aligned_rectifier_takes_out_a_turn_the_calibration_missed(turn_deg):
     true, claimed = toy_rig(rotation_deg=turn_deg), toy_rig()
     world = ToyWorld()
     frames = [Frame(i, i, (world.pair(true, walking(i), i),)) for i in (0, 20)]
-    _, rectifier, found = aligned_rectifier(claimed, frames)
+    _, rectifier, found = aligned_rectifier(claimed, frames, RectifyParams())
     left = (rectifier.rig.right_SE3_left @ true.right_SE3_left.inverse()).rotvec
     assert np.degrees(np.abs(left)).max() < 0.03 and found.after_px < 0.1 < found.before_px
 
@@ -120,8 +120,9 @@ def test_rectifier_keeps_the_colours_of_the_left_image():
 
 
 def test_rectifier_refuses_images_of_another_size():
+    wide = np.zeros((240, 321), np.uint8)
     with pytest.raises(ValueError, match=r"\(240, 320\)"):
-        Rectifier(toy_rig())(np.zeros((240, 321), np.uint8), np.zeros((240, 321), np.uint8))
+        Rectifier(toy_rig())(wide, wide)
 
 
 def test_a_reduced_pair_has_means_of_the_whole_image():
