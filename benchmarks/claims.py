@@ -1,4 +1,4 @@
-"""How true what tracks say of themselves is: which way people face, that somebody is there, where, and how fast."""
+"""Truth of the confidence that tracks give: of facing, existence, place and speed."""
 
 from __future__ import annotations
 

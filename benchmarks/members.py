@@ -86,7 +86,7 @@ class Variation:
             self.table["mount"] = [mount | {"rig": self.mount(mount["rig"])} for mount in table["mount"]]
 
     def near(self, value: float, most: float) -> float:
-        """A value that differs by at most so much."""
+        """A value within a tolerance."""
         return value + float(self.rng.uniform(-most, most))
 
     def times(self, value: float, least: float, most: float) -> float:

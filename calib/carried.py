@@ -41,7 +41,7 @@ class Carried:
             if isinstance(held[name], Carried):
                 held[name].set_state(value)
             else:
-                held[name] = restored(value, self.RECORDS, known)
+                held[name] = restore(value, self.RECORDS, known)
 
 
 def plain(value: Any, records: Records = (), known: dict[int, int] | None = None) -> Any:
@@ -72,22 +72,22 @@ def plain(value: Any, records: Records = (), known: dict[int, int] | None = None
     return {kind.__name__: content}
 
 
-def restored(value: Any, records: Records = (), known: list[Any] | None = None) -> Any:
+def restore(value: Any, records: Records = (), known: list[Any] | None = None) -> Any:
     """A copy of the value that ``plain`` took; ``known``: the records so far."""
     known = [] if known is None else known
     if isinstance(value, list):
-        return [restored(held, records, known) for held in value]
+        return [restore(held, records, known) for held in value]
     if not isinstance(value, dict):
         return np.array(value)[()] if isinstance(value, np.ndarray) else value
     ((kind, content),) = value.items()
     if kind == "same":
         return known[content]
     if kind in _GROUPS:
-        return _GROUPS[kind](restored(content, records, known))
+        return _GROUPS[kind](restore(content, records, known))
     if kind == "generator":
         generator = np.random.default_rng()
-        generator.bit_generator.state = restored(content)
+        generator.bit_generator.state = restore(content)
         return generator
     (record,) = (one for one in records if one.__name__ == kind)
-    known.append(record(**{name: restored(held, records, known) for name, held in content.items()}))
+    known.append(record(**{name: restore(held, records, known) for name, held in content.items()}))
     return known[-1]

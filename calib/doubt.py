@@ -1,6 +1,6 @@
 """Hypotheses of what may be wrong with some data: each is undone, and the one under which the data fits is named.
 
-Where a check knows one fault, a hypothesis undoes one, and a score of the result shows whether that was it.
+Where a check finds one fault, a hypothesis undoes one, and a score of the result shows whether that was it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Hypothesis(Generic[Data]):
         name: what is so, a clause.
         remedy: what to do then, a clause.
         undo: makes of the data what it should be.
-        odds: against it, before the data is looked at: so much better it must fit than another one.
+        odds: prior odds against it: the factor by which it must fit better than another one.
     """
 
     name: str
@@ -43,7 +43,7 @@ class Hypothesis(Generic[Data]):
 
 
 class Score(NamedTuple):
-    """How well data fits: the logarithm of a likelihood or of a share, and what was measured, a clause."""
+    """Fit of data: the logarithm of a likelihood or of a share, and what was measured, a clause."""
 
     value: float
     measured: str = ""
@@ -65,7 +65,7 @@ class Finding:
 
     @property
     def clause(self) -> str:
-        """What is so, and what follows."""
+        """Clause that states the hypothesis with its consequence."""
         return f"{self.hypothesis.name}, {self.measured}"
 
     @property

@@ -26,7 +26,7 @@ def as_colour(image: U8) -> U8:
 
 
 def encode_image(image: U8, suffix: str = ".jpg", quality: int = 90) -> bytes:
-    """The content of an image file. Raises ValueError: OpenCV knows no such format, or the image does not fit it."""
+    """The content of an image file. Raises ValueError: OpenCV has no such format, or the image does not fit it."""
     jpeg = [cv2.IMWRITE_JPEG_QUALITY, quality]
     settings = {".jpg": jpeg, ".jpeg": jpeg, ".png": [cv2.IMWRITE_PNG_COMPRESSION, 1]}.get(suffix.lower(), [])
     with suppress(cv2.error):

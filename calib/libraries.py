@@ -1,4 +1,4 @@
-"""What libraries need of the machine: silence, and open3d where it is used.
+"""Libraries with needs of their own: silence for OpenCV, and open3d only where it is used.
 
 open3d renders scenes and writes clouds of points; tracking does without it. It weighs some hundred megabytes and needs
 system libraries, so that it is imported only where it is used.
@@ -14,8 +14,8 @@ from calib.io import reason
 
 
 def silence_libraries() -> None:
-    """What OpenCV and FFmpeg print about files that they cannot read is said in our own sentence; a level that the user
-    has set stays. Works before OpenCV is imported."""
+    """Silence OpenCV and FFmpeg about files that they cannot read, for which we have our own sentence; a level that the
+    user has set stays. Works before OpenCV is imported."""
     os.environ.setdefault("OPENCV_LOG_LEVEL", "FATAL")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # AV_LOG_QUIET
 

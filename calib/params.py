@@ -39,12 +39,12 @@ class Params(BaseModel):
         return self
 
 
-def dotted(location: Location) -> str:
+def dotted_name(location: Location) -> str:
     """``maps.cell_m`` for ("maps", "cell_m")."""
     return ".".join(map(str, location))
 
 
-def first_problem(error: ValidationError, name: Callable[[Location], str] = dotted) -> str:
+def first_problem(error: ValidationError, name: Callable[[Location], str] = dotted_name) -> str:
     """The first problem that pydantic found, in words that end an ``InputError``'s sentence, in which a value is called
     as ``name`` gives it."""
     first = error.errors()[0]
@@ -84,7 +84,7 @@ def tables_of(table: type[Params], name: str = "") -> Iterator[tuple[str, type[P
             yield from tables_of(info.annotation, f"{name}.{field}".lstrip("."))
 
 
-def described(table: type[Params], values: Params | None = None) -> list[Described]:
+def descriptions(table: type[Params], values: Params | None = None) -> list[Described]:
     """The parameters of a table in words, without those of tables inside of it; ``values`` gives the defaults where the
     table is part of another."""
     meanings = _field_docs(table)

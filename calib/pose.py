@@ -16,8 +16,8 @@ from calib.types import F64
 
 @dataclass(frozen=True, eq=False)
 class SE3:
-    """A rotation and a translation. Raises ValueError: wrong shapes, values that are not finite, or a matrix that is no
-    rotation.
+    """A rotation and a translation. Raises ValueError: wrong shapes, values that are not finite, or a matrix that is
+    not a rotation.
 
     Attributes:
         rotation: (3, 3) float64, orthonormal, determinant +1.

@@ -16,7 +16,7 @@ from calib.pose import SE3
 from calib.types import F64
 
 DepthTechnology = Literal["structured-light", "time-of-flight", "stereo"]
-"""How a depth camera measures, which decides how its noise grows with depth."""
+"""Technology by which a depth camera measures, which decides how its noise grows with depth."""
 
 IDENTITY = SE3(np.eye(3), np.zeros(3))
 

@@ -207,8 +207,8 @@ class Rate:
     """Rate and evenness of frames.
 
     Attributes:
-        fps: frames per second, of the mean of the steps that are no gaps; of bursts, of all.
-        jitter_ms: standard deviation of the steps that are no gaps [ms].
+        fps: frames per second, from the mean step without gaps; with bursts, from all steps.
+        jitter_ms: standard deviation of the steps without gaps [ms].
         duration_s: from the first frame to the last, without jumps of the clock [s].
         gaps: steps longer than 1.5 frame periods.
         dropped: frames that would have fallen into them.

@@ -1,4 +1,4 @@
-"""Where rectified cameras are in the world: ``world.toml`` of one rig, ``rigs.toml`` of several."""
+"""Poses of rectified cameras in the world: ``world.toml`` of one rig, ``rigs.toml`` of several."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ class Depths:
     text = "depth"
 
     def fits(self, stored: AnyArray) -> bool:
-        """Whether stored values are those of depth."""
+        """True if stored values are those of depth."""
         return stored.ndim == 2 and stored.dtype in (np.uint16, np.float32, np.float64)
 
     def prepare(self, first: AnyArray) -> None:
@@ -211,7 +211,7 @@ class Depth:
 
     @staticmethod
     def of_whole(image: U8, disparity: F32, step: int) -> Depth:
-        """Of an (H, W[, 3]) image without distortion and its (H, W) disparity, at an n-th of their size."""
+        """Depth from an (H, W[, 3]) image without distortion and its (H, W) disparity, at an n-th of their size."""
         samples = sample_means(image, step)
         disparities = sample_disparities(disparity, step)
         thumbnails = partial(Thumbnails.of_depth, samples, disparities)
@@ -222,7 +222,7 @@ Samples = TypeVar("Samples", float, F64)
 
 
 def middle_px(sample: Samples, step: int) -> Samples:
-    """Where the middle of a sample of ``step`` pixels, counted from 0, is along a row or column of the image [px]."""
+    """Middle of a sample of ``step`` pixels, counted from 0, along a row or column of the image [px]."""
     return step * sample + 0.5 * (step - 1)
 
 

@@ -32,8 +32,8 @@ SETUP_FRAMES = 24
 FITTED_STEP_PX = 3
 """The floor is fitted to every n-th row and column."""
 MIN_WATCHED, NEARER_FACTOR = 5, 1.15
-"""What moves shows in at least 5 frames; it is nearer by this factor than the usual depth of its pixel: a
-person half a metre in front of a wall 4 m away."""
+"""Number of frames in which something must move, and the factor by which it is nearer than the usual depth of its
+pixel: a person half a metre in front of a wall 4 m away."""
 ALIGN_WINDOW, ALIGN_NOISE = 1 / 30, 3.0
 """Side of the windows in which light is taken out, of the image's width, and the least deviation in them [grey levels]
 that counts as texture."""
@@ -53,7 +53,7 @@ MIN_VALID = 0.03
 
 
 class FloorSearch(Params):
-    """How the floor of a recording is found; the defaults are those of a run."""
+    """Parameters of the search for the floor of a recording; the defaults are those of a run."""
 
     frames: int = Field(SETUP_FRAMES, ge=1, le=1000)
     """Frames to look at, spread over the recording."""
@@ -107,31 +107,31 @@ class PairFrames:
         return np.concatenate(corners)
 
     @cached_property
-    def rectified(self) -> list[Rectified]:
+    def rectified_pairs(self) -> list[Rectified]:
         """Each pair, rectified."""
         return [self.rectifier(*frame.images) for frame in self.frames]
 
     @property
     def viewpoints(self) -> Viewpoints:
-        """Where the rectified cameras look."""
+        """Views of the rectified cameras."""
         geometry = self.rectifier.geometry
-        shots = [(pair.left_grey, pair.right_grey) for pair in self.rectified]
+        shots = [(pair.left_grey, pair.right_grey) for pair in self.rectified_pairs]
         return Viewpoints(shots, geometry.focal_u_px / geometry.width)
 
     @property
     def images(self) -> list[U8]:
         """(H, W[, 3]) uint8 rectified left image of each."""
-        return [pair.image for pair in self.rectified]
+        return [pair.image for pair in self.rectified_pairs]
 
     @cached_property
     def greys(self) -> list[U8]:
         """(H, W) uint8 left image of each."""
-        return [pair.left_grey for pair in self.rectified]
+        return [pair.left_grey for pair in self.rectified_pairs]
 
     @cached_property
     def disparities(self) -> list[F32]:
         """(H, W) float32 disparity [px] of each, NaN where unknown."""
-        return [self._match(pair.left_grey, pair.right_grey) for pair in self.rectified]
+        return [self._match(pair.left_grey, pair.right_grey) for pair in self.rectified_pairs]
 
     @cached_property
     def depths(self) -> list[F32]:
@@ -139,7 +139,7 @@ class PairFrames:
         return [self.rectifier.geometry.depth(disparity) for disparity in self.disparities]
 
     def thumbnails(self, frame: Frame[Shot]) -> Thumbnails:
-        """What shows whether all stands still in another frame."""
+        """Thumbnails that show whether all stands still in another frame."""
         pair = self.rectifier(*frame.images)
         return Thumbnails.of_pair(pair.left_grey, pair.right_grey)
 
@@ -153,7 +153,7 @@ class PairFrames:
         Raises WorkError: hardly any disparity is valid, or no floor is visible."""
         geometry = self.rectifier.geometry
         alike = np.flatnonzero(of_like_light(self.greys))[::every]
-        pairs = [self.rectified[k] for k in alike]
+        pairs = [self.rectified_pairs[k] for k in alike]
         depths = [self.depths[k] for k in alike] if every == 1 else [self.depth_of(self.frames[k]) for k in alike]
 
         def align(plane: Plane) -> Plane:
@@ -180,19 +180,19 @@ class DepthFrames:
 
     @property
     def viewpoints(self) -> Viewpoints:
-        """Where the camera looks, without distortion."""
+        """View of the camera, without distortion."""
         geometry = self.rectifier.geometry
         return Viewpoints([(image,) for image in self.images], geometry.focal_u_px / geometry.width)
 
     @cached_property
-    def rectified(self) -> list[tuple[U8, F32]]:
+    def rectified_shots(self) -> list[tuple[U8, F32]]:
         """Each image and its depth [m], without distortion."""
         return [self.rectifier(*frame.images) for frame in self.frames]
 
     @property
     def images(self) -> list[U8]:
         """(H, W[, 3]) uint8 image of each."""
-        return [image for image, _ in self.rectified]
+        return [image for image, _ in self.rectified_shots]
 
     @cached_property
     def greys(self) -> list[U8]:
@@ -207,10 +207,10 @@ class DepthFrames:
     @cached_property
     def depths(self) -> list[F32]:
         """(H, W) float32 depth [m] of each, NaN where unknown."""
-        return [depth_m for _, depth_m in self.rectified]
+        return [depth_m for _, depth_m in self.rectified_shots]
 
     def thumbnails(self, frame: Frame[Shot]) -> Thumbnails:
-        """What shows whether all stands still in another frame."""
+        """Thumbnails that show whether all stands still in another frame."""
         image, depth_m = self.rectifier(*frame.images)
         return Thumbnails.of_depth(image, self.rectifier.disparity(depth_m))
 

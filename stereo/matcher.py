@@ -36,7 +36,7 @@ class Matcher(Protocol):
 
 
 class RangeParams(Params):
-    """Which disparities to search, from distances."""
+    """Range of disparities to search, from distances."""
 
     nearest_m: float = Field(default=0.7, gt=0.05, le=10.0)
     """Nearest depth to measure [m] while the floor is not known; an overhead camera at 2.7 m has a tall person's raised
@@ -121,7 +121,7 @@ ANALYSIS_PX = 320
 EVEN_SIDE = 9
 """Side of the samples in which both cameras' brightness is made equal."""
 STILL_LEVEL = 6
-"""Where the means of 5x5 samples differ by less from those last matched, nothing has moved [grey levels]. Noise and
+"""Least difference of the means of 5x5 samples from those last matched that shows movement [grey levels]. Noise and
 compression of real cameras reach 3 to 5 in an empty view; an edge of 30 levels reaches 6 when it moves by one sample,
 about 2 cm at 4 m."""
 KEPT_MAX = 3
@@ -287,7 +287,7 @@ class SgbmMatcher:
 
 
 def _means(image: U8, side: int) -> U8:
-    """Of ``side`` x ``side`` pixels from each pixel on."""
+    """Means of ``side`` x ``side`` pixels from each pixel on."""
     return image if side == 1 else np.asarray(cv2.blur(image, (side, side), anchor=(0, 0)), dtype=np.uint8)
 
 
@@ -310,7 +310,7 @@ def coarse_disparity(fixed: AnyArray, usable: U8, right_mask: U8, step: int, low
 
 @kernel
 def differences(left: U8, right: U8, disparity: F32, first: int, step: int, apart: int, error: F32, slope: F32) -> None:
-    """How much brighter each left sample is than the right image at its disparity, and the right image's slope.
+    """Difference in brightness of each left sample and the right image at its disparity, and the right image's slope.
 
     Sample (r, c) of ``left`` (h, w) is pixel ``first`` + ``step`` (r, c) of ``right`` (H, W) without a disparity; the
     slope [1/px] is taken over ``apart`` pixels either way. Both are 0 without a disparity and where it leads out of the

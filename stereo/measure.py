@@ -1,4 +1,4 @@
-"""How far away what a shot shows is: a pair is rectified and matched, a sensor's depth taken without distortion."""
+"""Depth of a shot: a pair is rectified and matched, a sensor's depth taken without distortion."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ Record = Callable[[str], object]
 """Takes the name of a stage that has ended."""
 
 
-def _unrecorded(_stage: str) -> None:
+def _ignore(_stage: str) -> None:
     """Times that are not recorded."""
 
 
 class Measure(Protocol):
     """Gives the depth of a shot; ``last`` is how that of the shot before was matched."""
 
-    def __call__(self, shot: Shot, record: Record = _unrecorded, last: Matched | None = None) -> Depth: ...
+    def __call__(self, shot: Shot, record: Record = _ignore, last: Matched | None = None) -> Depth: ...
 
 
 class PairMeasure:
@@ -43,9 +43,9 @@ class PairMeasure:
         masks = rectifier.mask, rectifier.right_mask
         self._sgbm = SgbmMatcher(rectifier.geometry, sgbm, searched, *masks, step, BODY_LAG)
 
-    def __call__(self, shot: Shot, record: Record = _unrecorded, last: Matched | None = None) -> Depth:
+    def __call__(self, shot: Shot, record: Record = _ignore, last: Matched | None = None) -> Depth:
         """Rectify and match a left and a right image, (H, W) or (H, W, 3) uint8 as recorded. Raises InputError: another
-        kind of shot, or what one's own matcher gives is no disparity. ValueError: images of another size."""
+        kind of shot, or a matcher of the user's that gives no disparity. ValueError: images of another size."""
         refuse_foreign_shot(shot, StereoPair.holds)
         left, right = shot
         if self._own is None:
@@ -77,7 +77,7 @@ class DepthMeasure:
         self._rectifier = rectifier
         self._step = step
 
-    def __call__(self, shot: Shot, record: Record = _unrecorded, last: Matched | None = None) -> Depth:
+    def __call__(self, shot: Shot, record: Record = _ignore, last: Matched | None = None) -> Depth:
         """Take the distortion out of an image, (H, W) or (H, W, 3) uint8, and its depth, (H, W) float32 [m]. Raises
         InputError: another kind of shot. ValueError: images of another size."""
         refuse_foreign_shot(shot, DepthCamera.holds)
@@ -89,7 +89,7 @@ class DepthMeasure:
 
 
 def refuse_foreign_disparity(disparity: object, shape: tuple[int, int], searched: DisparityRange) -> None:
-    """Refuse what is no (H, W) float32 disparity in pixels, as a matcher of the user's may give; ``searched`` are those
+    """Refuse the result of a user's matcher that is not an (H, W) float32 disparity in pixels; ``searched`` are those
     that people on the floor can have. Raises InputError: another shape or kind of number, sixteenths of a pixel, depth,
     or a number for "none"."""
     if not isinstance(disparity, np.ndarray):

@@ -1,4 +1,4 @@
-"""What a recording is, whatever its layout on disk: frames, how they are decoded ahead, and what iterates them."""
+"""Recordings, whatever their layout on disk: frames, decoded ahead and iterated."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Sensor = TypeVar("Sensor", covariant=True)
 
 @dataclass
 class OpenOptions:
-    """What the caller supplies about a recording.
+    """Options that the caller supplies about a recording.
 
     Attributes:
         calibration: file or folder; found in the recording when None.
@@ -55,22 +55,22 @@ class OpenOptions:
             found = ",".join(self.topics)
             raise InputError(f"expected two topics, LEFT,RIGHT or IMAGE,DEPTH, found {found!r}", argument="topics")
 
-    def resolved(self) -> OpenOptions:
+    def resolve(self) -> OpenOptions:
         """With absolute paths."""
         calibration, right = (path and path.resolve() for path in (self.calibration, self.right))
         return replace(self, calibration=calibration, right=right)
 
 
 Shot = tuple[AnyArray, ...]
-"""What a sensor recorded at one moment: an image; or a left and a right one; or an image and its depth. Images as
-recorded, lens distortion included, are (H, W) or (H, W, 3) uint8, BGR; depth is (H, W) float32 [m] along the optical
+"""Images that a sensor recorded at one moment: an image; or a left and a right one; or an image and its depth. Images
+as recorded, lens distortion included, are (H, W) or (H, W, 3) uint8, BGR; depth is (H, W) float32 [m] along the optical
 axis of the image's pixels, NaN where unknown."""
 SHOTS: dict[tuple[type, ...], str] = {
     (np.uint8,): "one image",
     (np.uint8, np.uint8): "a left and a right image",
     (np.uint8, np.float32): "an image and its depth",
 }
-"""What shots hold, by the types of their numbers."""
+"""Contents of shots by the types of their numbers."""
 
 
 def refuse_foreign_shot(shot: Shot, expected: tuple[type, ...]) -> None:
@@ -82,7 +82,7 @@ def refuse_foreign_shot(shot: Shot, expected: tuple[type, ...]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Frame(Generic[S]):
-    """What the sensors of a recording recorded at one moment.
+    """Shots that the sensors of a recording took at one moment.
 
     Attributes:
         index: position in the recording, from 0; skipped frames leave gaps.
@@ -96,7 +96,7 @@ class Frame(Generic[S]):
 
     @property
     def images(self: Frame[Shot]) -> Shot:
-        """Of the first sensor, which stands for the others; empty where it has none."""
+        """Images of the first sensor, which stands for the others; empty where it has none."""
         return self.shots[0] or ()
 
     @property
@@ -128,7 +128,7 @@ class FrameClock(NamedTuple):
     """When the frames of a recording were taken.
 
     Attributes:
-        fps: nominal frames per second; NaN where nothing gives the times, which ``notes`` then say.
+        fps: nominal frames per second; NaN where nothing gives the times; ``notes`` then name it.
         times_s: (n,) float64 [s] by frame index, NaN where unknown; None takes the times of the decoded frames.
         notes: what was found about the times.
         even: frames are ``fps`` apart, whatever times the files hold.
@@ -140,8 +140,8 @@ class FrameClock(NamedTuple):
     even: bool = False
 
     def time(self, frame: Decoded) -> float:
-        """Of a frame [s]; where the table has none, between its neighbours, beyond its end at the nominal rate. NaN
-        where nothing gives the times."""
+        """Time of a frame [s]; where the table has none, between its neighbours, beyond its end at the nominal rate.
+        NaN where nothing gives the times."""
         index, times = frame.index, self.times_s
         if times is None:
             return index / self.fps if self.even or frame.timestamp_s is None else frame.timestamp_s
@@ -153,7 +153,7 @@ class FrameClock(NamedTuple):
 
 
 def no_clock(*notes: str) -> FrameClock:
-    """Of frames whose times nothing gives, as the notes say."""
+    """Clock of frames whose times nothing gives, as the notes say."""
     return FrameClock(math.nan, None, notes, even=True)
 
 
@@ -190,7 +190,7 @@ class StereoPair:
 
     @property
     def identity(self) -> list[Any]:
-        """What decides depth besides the images, wherever it came from."""
+        """Everything that decides depth besides the images, wherever it came from."""
         return [replace(self.rig, source="")]
 
     @property
@@ -205,7 +205,7 @@ class StereoPair:
 
     @property
     def source(self) -> str:
-        """Where the calibration came from, for messages and run.json."""
+        """Origin of the calibration, for messages and run.json."""
         return self.rig.source
 
     @property
@@ -214,11 +214,11 @@ class StereoPair:
         return {"baseline_m": self.rig.baseline_m}
 
     def shot(self, left: AnyArray, right: AnyArray) -> Shot:
-        """Of the images as decoded: both in colour, where one is."""
+        """Shot of the images as decoded: both in colour, where one is."""
         return (left, right) if left.ndim == right.ndim else (as_colour(left), as_colour(right))
 
     def images(self, shot: Shot) -> Shot:
-        """What cameras took of a shot: both images."""
+        """Images of a shot that cameras took: both."""
         return shot
 
 
@@ -259,11 +259,11 @@ class DepthCamera:
         return self.camera.fx / self.camera.width
 
     def shot(self, image: AnyArray, depth_m: AnyArray) -> Shot:
-        """Of an image and depth as decoded."""
+        """Shot of an image and depth as decoded."""
         return image, self.registration(depth_m)
 
     def images(self, shot: Shot) -> Shot:
-        """What cameras took of a shot: its image."""
+        """Image of a shot that the camera took."""
         return shot[:1]
 
 
@@ -279,11 +279,11 @@ class SingleCamera:
     identity: ClassVar[list[Any]] = []
 
     def shot(self, image: AnyArray) -> Shot:
-        """Of an image as decoded."""
+        """Shot of an image as decoded."""
         return (image,)
 
     def images(self, shot: Shot) -> Shot:
-        """What cameras took of a shot: its image."""
+        """Image of a shot that the camera took."""
         return shot
 
 
@@ -321,7 +321,7 @@ class Recording(Generic[Sensor]):
     name: str = field(default="", init=False)
     """Among several sensors."""
     is_live: ClassVar = False
-    """Whether frames come from cameras as they run."""
+    """True if frames come from cameras as they run."""
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({str(self.path)!r}, {self.n_frames} frames, {self.fps:.4g} per second)"
@@ -333,7 +333,7 @@ class Recording(Generic[Sensor]):
 
     @property
     def identity(self) -> list[Any]:
-        """What decides results besides the images: cameras and times."""
+        """Everything that decides results besides the images: cameras and times."""
         return [*cast(RecordedBy, self.sensor).identity, self.times_s]
 
     @property

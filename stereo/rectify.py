@@ -97,7 +97,7 @@ def ideal_pinhole(
     middles = plane.mean(axis=1) - centre[:2] / centre[2]
 
     def reach(axis: int, sign: int) -> float:
-        """How far the border reaches that is now farthest to the right (0, 1), the left (0, -1), down or up."""
+        """Reach of the border that is now farthest to the right (0, 1), the left (0, -1), down or up."""
         border = np.argmax(sign * middles[:, axis])
         outward = sign * plane[border, :, axis]
         return min(float(np.quantile(outward, field_quantile)), MAX_RAY_TAN)
@@ -181,7 +181,7 @@ class RectifyParams(Params):
     """Longest side of the rectified images [px]; larger recordings are reduced to it, 0 keeps the full size. Harville
     2002, section 5, ran at 320x240; 640 keeps a head at 8 m some 10 px wide."""
     field_quantile: float = Field(default=0.5, ge=0.0, le=1.0)
-    """How much of a distorted border to keep: 0 the largest view without empty corners, 1 every pixel with many of
+    """Share of a distorted border to keep: 0 the largest view without empty corners, 1 every pixel with many of
     them; between, that share of each border."""
 
 
@@ -235,7 +235,7 @@ class Rectifier:
         return Rectified(image, self._left.grey(ours), self._right.grey(right), partial(self._left, left))
 
     def _smaller_left(self, step: int) -> Warp:
-        """Of the left image at an n-th of its size."""
+        """Warp of the left image at an n-th of its size."""
         if step not in self._smaller:
             width, height = self.geometry.size
             size = (-(-width // step), -(-height // step))
@@ -291,6 +291,6 @@ def rectified_rig(rig: StereoRig) -> StereoRig:
 
 
 def is_ideal(rig: StereoRig) -> bool:
-    """Whether a rig is that of rectified images: no distortion, no rotation."""
+    """True if a rig is that of rectified images: no distortion, no rotation."""
     turned = float(np.abs(rig.right_SE3_left.rotation - np.eye(3)).max())
     return turned < 1e-9 and not any(np.any(one.coefficients) for one in (rig.left, rig.right))

@@ -26,7 +26,7 @@ _TRACKED: dict[str, Any] = {
     "criteria": (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.003),
     "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
 }
-"""How patches are followed, from guesses on (Lucas and Kanade 1981)."""
+"""Settings for following patches from guesses on (Lucas and Kanade 1981)."""
 _SIMILARITY_MIN = 0.9
 """Smallest normalised correlation of two patches that count as a match."""
 _SEARCHED_PX = 640
@@ -58,7 +58,7 @@ _TURNED = 0.3
 
 @dataclass(frozen=True, eq=False)
 class RigCorrection:
-    """How the right camera is turned against its calibration.
+    """Rotation of the right camera against its calibration.
 
     Attributes:
         angles: (3,) float64 rotation vector [rad] about the axes of the rectified frame: x, the baseline (pitch), y

@@ -29,7 +29,7 @@ class Thumbnails(NamedTuple):
 
     @staticmethod
     def of_pair(left: U8, right: U8) -> Thumbnails:
-        """Of rectified (H, W) grey images; rows of both still show the same part of the scene."""
+        """Thumbnails of rectified (H, W) grey images; rows of both still show the same part of the scene."""
         margin = left.shape[1] // OWN_VIEW
         left_inside = left[::STEP_PX, margin::STEP_PX]
         right_inside = right[::STEP_PX, : right.shape[1] - margin : STEP_PX]
@@ -37,6 +37,6 @@ class Thumbnails(NamedTuple):
 
     @staticmethod
     def of_depth(image: U8, disparity: F32) -> Thumbnails:
-        """Of an (H, W[, 3]) image and the disparity of its depth, NaN where unknown."""
+        """Thumbnails of an (H, W[, 3]) image and the disparity of its depth, NaN where unknown."""
         grey = as_grey(image)[::STEP_PX, ::STEP_PX].copy()
         return Thumbnails(grey, np.nan_to_num(disparity[::STEP_PX, ::STEP_PX]), is_pair=False)

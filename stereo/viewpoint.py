@@ -1,4 +1,4 @@
-"""Where cameras look, compared with where they looked before.
+"""Views of cameras, compared with those before.
 
 A view is the same, another one, or not known. Corners of the background are followed from image to image: people hide
 some, other light loses some, and the others stay or move as one picture does when its camera rotates or zooms. An image
@@ -43,8 +43,8 @@ STAYED_SHARE = 0.3
 CORNERS_MIN = 20
 """Fewest corners that must."""
 TEXTURED_SHARE = 0.5
-"""Least share of the blocks with a corner before an image is taken for a view: on a plain wall all texture is people's,
-and light or a cover hides most of a view."""
+"""Least share of the blocks that must have a corner for an image to show a view: on a plain wall all texture is
+people's, and light or a cover hides most of a view."""
 BOTH_DEG = 0.5
 """Rotation of the cameras together beyond which what they show is in a false place [degrees]: 4 cm at 5 m; a mast in
 the wind sways by less."""
@@ -77,7 +77,7 @@ _FOLLOWED: dict[str, Any] = {
     "winSize": (WINDOW_PX, WINDOW_PX),
     "criteria": (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 10, 0.03),
 }
-"""How corners are followed (pyramidal Lucas-Kanade, Bouguet 2001)."""
+"""Settings for following corners (pyramidal Lucas-Kanade, Bouguet 2001)."""
 
 
 class Viewpoint:
@@ -123,14 +123,14 @@ class Viewpoint:
         return turn
 
     def may_have_turned(self, before: U8, now: U8) -> bool:
-        """Whether so many corners have changed between two images of width ``WIDTH_PX`` that ``turn`` is worth its
+        """True if so many corners have changed between two images of width ``WIDTH_PX`` that ``turn`` is worth its
         time."""
         columns, rows = self._corners.astype(np.intp).T
         changes = cv2.absdiff(before, now)[rows, columns]
         return bool((changes > CHANGED_LUMA).sum() > CHANGED_SHARE * len(changes))
 
     def _stays(self, now: U8) -> bool:
-        """Whether every second corner shows, without a wide search, that the camera has not moved."""
+        """True if every second corner shows, without a wide search, that the camera has not moved."""
         corners = np.ascontiguousarray(self._corners[::2])
         there, is_there, _ = cv2.calcOpticalFlowPyrLK(
             self._details, now, corners, corners.copy(), maxLevel=0, **_FOLLOWED
@@ -176,7 +176,7 @@ def _turn_of(moved: AnyArray) -> F64:
 
 
 class Viewpoints:
-    """Where the cameras of a sensor look: one, or the two of a pair, by shots of it; without shots nowhere yet.
+    """Views of the cameras of a sensor: one, or the two of a pair, by shots of it; none without shots.
 
     Attributes:
         cameras: of each the corners.
@@ -190,7 +190,7 @@ class Viewpoints:
 
     @property
     def are_textured(self) -> bool:
-        """Whether every camera shows corners all over its image."""
+        """True if every camera shows corners all over its image."""
         return all(camera.is_textured for camera in self.cameras)
 
     def turns(self, shot: Sequence[AnyArray]) -> F64 | None:
@@ -205,26 +205,26 @@ class Viewpoints:
 
 
 class Sway(NamedTuple):
-    """How far a sensor rotates to and fro [degrees]: its cameras together, and one against the other."""
+    """Rotation of a sensor to and fro [degrees]: its cameras together, and one against the other."""
 
     together_deg: float = 0.0
     apart_deg: float = 0.0
 
     @staticmethod
     def of(turns: F64) -> Sway:
-        """How far (cameras, 4) turns are from none."""
+        """Sway of (cameras, 4) turns about none."""
         together = np.linalg.norm(turns.mean(axis=0))
         apart = np.linalg.norm(turns[-1] - turns[0])
         return Sway(math.degrees(float(together)), math.degrees(float(apart)))
 
     @staticmethod
     def of_three(before: F64, between: F64, after: F64) -> Sway:
-        """How far turns that follow each other deviate from a line: even motion is no sway."""
+        """Sway of turns that follow each other about a line: even motion counts as none."""
         return Sway.of((before - 2.0 * between + after) / math.sqrt(6.0))
 
     def move(self, mean: F64, now: F64) -> str:
-        """Which camera looks elsewhere and by how much now, in words, from (cameras, 4) turns now and their mean over a
-        time; empty where the mean is no more than the sensor sways."""
+        """Sentence on which camera looks elsewhere and by how much now, from (cameras, 4) turns now and their mean over
+        a time; empty where the mean is no more than the sensor sways."""
         turned = Sway.of(mean)
         if turned.apart_deg > APART_DEG + self.apart_deg:
             side = int(np.argmax(np.linalg.norm(mean, axis=1)))
@@ -246,13 +246,13 @@ def _another_view(cameras: int) -> str:
 
 
 class SpreadView(NamedTuple):
-    """What shots that are spread over a recording show of where its cameras look.
+    """Views of the cameras of a recording, from shots that are spread over it.
 
     Attributes:
         shots: how many there are.
         usual: numbers of the shots with the view that most of them show.
         elsewhere: by number, how a camera looks elsewhere in those that show another view which lasts. Shots that show
-            too little to tell are in neither, unless no view but one shows.
+            too little are in neither, unless no view but one shows.
         sway: how far the view comes and goes.
     """
 
@@ -263,7 +263,7 @@ class SpreadView(NamedTuple):
 
 
 STANDS = Sway()
-"""Of cameras that do not sway."""
+"""Sway of cameras that stand still."""
 
 
 def view_of_most(shots: Sequence[Sequence[AnyArray]], focal_widths: float) -> SpreadView:
@@ -351,16 +351,16 @@ class Standing(Carried):
 
     @property
     def sway(self) -> Sway:
-        """How far the view has come and gone so far."""
+        """Sway of the view so far."""
         return Sway(*np.sqrt(self._sway[:2] / max(self._sway[2], 1.0)).tolist())
 
     @property
-    def settled(self) -> bool:
-        """Whether another view than the usual one has stood still for LASTING_S."""
+    def is_settled(self) -> bool:
+        """True if another view than the usual one has stood still for LASTING_S."""
         return self._is_moved and self._is_still
 
     def update(self, frame: int, timestamp_s: float, shot: Sequence[AnyArray]) -> bool:
-        """Whether they look there in the next frame; where too little shows, as in the frame before."""
+        """True if they look there in the next frame; where too little shows, as in the frame before."""
         images = [_small(image) for image in shot]
         if timestamp_s >= self._looked_s + LOOK_S - ROUNDED_S:
             self._looked_s = timestamp_s
@@ -398,8 +398,8 @@ class Standing(Carried):
         self._sways = False
 
     def _look(self, now_s: float, images: list[U8]) -> str | None:
-        """How the view of some images is another one, empty where it is the usual one, None where that cannot be
-        said."""
+        """Sentence on how the view of some images is another one, empty where it is the usual one, None where that
+        cannot be said."""
         before, self._last = self._last, images
         if not self._viewpoints.cameras:
             return self._first_view(before, images)

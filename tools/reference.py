@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 import planview  # noqa: E402
-from calib.params import Params, described, tables_of  # noqa: E402
+from calib.params import Params, descriptions, tables_of  # noqa: E402
 from planview.api.tools import inside  # noqa: E402
 from planview.engine.config import Config  # noqa: E402
 from stereo.doctor.hypotheses import BY_KIND  # noqa: E402
@@ -144,7 +144,9 @@ def run_page() -> str:
 
 def _again(name: str, first: str, values: Params) -> str:
     """A table whose parameters have been described: those with other defaults only."""
-    other = [f"`{f.name} = {f.default}`" for f in described(type(values), values) if f not in described(type(values))]
+    other = [
+        f"`{f.name} = {f.default}`" for f in descriptions(type(values), values) if f not in descriptions(type(values))
+    ]
     return f"## `[{name}]`\n\nAs `[{first}]`, with {', '.join(other) or 'the same defaults'}.\n"
 
 
@@ -152,7 +154,7 @@ def _section(name: str, cls: type[Params], values: Params, places: dict[str, str
     """A table; ``places`` has the table of each meaning so far, which is not repeated."""
     title = f"`[{name}]`" if name else "Top level"
     rows, again = [], dict[str, list[str]]()
-    for field in described(cls, values):
+    for field in descriptions(cls, values):
         shown = f"`{field.name} = {field.default}`"
         if field.meaning in places:
             again.setdefault(places[field.meaning], []).append(shown)

@@ -251,7 +251,7 @@ MIN_PATCH = 60
 MIN_PATCHES = 3
 """Fewest points of a patch that moved, and fewest patches, that show where the vertical is."""
 ELONGATED = 2.0
-"""How much longer than broad a patch is that shows how a body stands: a standing person is three times as tall as
+"""Least ratio of length to breadth of a patch that shows how a body stands: a standing person is three times as tall as
 broad."""
 PERSON_LENGTH_M = (0.5, PEOPLE_M)
 PERSON_BREADTH_M = 0.15
@@ -260,7 +260,8 @@ patches are several people, narrower ones edges of things that flicker."""
 UPRIGHT_COS = math.cos(math.radians(45.0))
 """A patch stands along a vertical where the angle between them is less than 45 degrees."""
 STANDING_ODDS = 9.0
-"""Of ten long patches of a person's size one lies: two people side by side, or a thing that is carried."""
+"""Odds that a long patch of a person's size stands. One of ten lies: two people side by side, or a thing that is
+carried."""
 MIDDLES_STD_M = 0.25
 """Deviation of the heights of what is seen of people, in the middle: children, and legs behind desks [m]."""
 DECISIVE = 0.3

@@ -158,7 +158,7 @@ def _strange_files(folder: Path, hints: Mapping[Path, str]) -> str:
 
 FORMATS: tuple[Format, ...] = (NATIVE, OPENCV, DEPTHAI, KALIBR, ROS, ZED, KITTI, EUROC, MIDDLEBURY)
 WRITTEN: tuple[Format, ...] = tuple(form for form in FORMATS if form.texts is not None)
-"""Those that ``write_rig`` writes; the others are only read."""
+"""Formats that ``write_rig`` writes; the others are only read."""
 
 
 def load_rig(

@@ -1,4 +1,4 @@
-"""What formats share: the calibration file as text, numbers out of parsed files, YAML and XML without dangers."""
+"""Parts that formats share: the calibration file as text, numbers out of parsed files, YAML and XML without dangers."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Choice(NamedTuple):
 
 
 Keys = tuple[tuple[str, re.Pattern[str]], ...]
-"""What a format needs, as messages call it, and where it stands in a text."""
+"""Keys that a format needs, as messages call them, each with the pattern that finds it in a text."""
 
 
 def lacking_keys(keys: Keys, text: str) -> list[str]:
@@ -327,7 +327,7 @@ def parse_xml(text: str) -> ElementTree.Element:
         raise ValueError("expected XML without a document type, found one")
     try:
         return ElementTree.fromstring(text)
-    # A declared encoding the parser does not know gives LookupError; nesting without end RecursionError.
+    # An encoding without a decoder gives LookupError; nesting without end RecursionError.
     except (ElementTree.ParseError, LookupError, RecursionError, ValueError) as error:
         raise ValueError(f"expected XML, found {error}") from error
 

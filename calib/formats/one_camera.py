@@ -28,7 +28,7 @@ _LENS_KEYS = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "M1", "K1",
 
 
 class LensOnlyError(InputError):
-    """The calibration of a lens, which does not say where the camera is."""
+    """The calibration of a lens, without the place of the camera."""
 
     def __init__(self, path: Path, name: str, focal_px: float) -> None:
         actual = f"found only a lens ({name}, focal length {focal_px:.0f} px)"

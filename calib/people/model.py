@@ -202,8 +202,8 @@ class KnownValues:
 
 
 Reading = Literal["outline", "level", "boxes"]
-"""How samples are marked: boxes end where the outline does; boxes end at head and foot; heads and feet are but the
-middles of the boxes' edges."""
+"""Ways in which samples are marked: boxes end where the outline does; boxes end at head and foot; heads and feet are
+but the middles of the boxes' edges."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,7 +37,7 @@ def path_of(path: Path | str | None) -> Path | None:
 
 
 def frame_span(frames: Frames) -> tuple[int, int]:
-    """First and last frame. Raises InputError: what is no span of frames."""
+    """First and last frame. Raises InputError: not a span of frames."""
     try:
         if isinstance(frames, tuple):
             first, last = map(int, frames)
@@ -101,7 +101,7 @@ def in_range(argument: str, value: float, least: float, most: float, unit: str =
 
 
 def table_of(tracks: Trajectories | DataFrame) -> Trajectories:
-    """Tracks that may be a table of pandas, judged as those of a file are. Raises InputError: what is no table."""
+    """Tracks that may be a table of pandas, judged as those of a file are. Raises InputError: not a table."""
     if not isinstance(tracks, Trajectories):
         if not hasattr(tracks, "columns"):
             found = type(tracks).__name__

@@ -13,7 +13,7 @@ from pkgutil import walk_packages
 from typing import TYPE_CHECKING
 
 from calib.errors import InputError
-from calib.params import LARGEST, Described, Params, described, tables_of
+from calib.params import LARGEST, Described, Params, descriptions, tables_of
 from planview.api.arguments import in_range
 from planview.api.result import Result
 from planview.engine.config import Config
@@ -44,8 +44,8 @@ def params(pattern: str = "", *, everything: bool = False) -> list[Described]:
         InputError: no parameter has the pattern in its name or meaning.
     """
     defaults = Config()
-    tables = [(name, described(cls, inside(defaults, name))) for name, cls in tables_of(Config)]
-    tables += [(name, described(cls)) for name, cls in _other_tables()] if everything else []
+    tables = [(name, descriptions(cls, inside(defaults, name))) for name, cls in tables_of(Config)]
+    tables += [(name, descriptions(cls)) for name, cls in _other_tables()] if everything else []
     every = [field._replace(name=f"{table}.{field.name}".lstrip(".")) for table, fields in tables for field in fields]
     found = [field for field in every if field.name == pattern] or [f for f in every if _matches(f, pattern)]
     if not found:
@@ -65,7 +65,7 @@ def inside(config: Config, table: str) -> Params:
 
 
 def _other_tables() -> Iterator[tuple[str, type[Params]]]:
-    """Tables that are no part of a run's configuration, by module and class without the package."""
+    """Tables outside a run's configuration, by module and class without the package."""
     of_a_run = {cls for _, cls in tables_of(Config)}
     for package in ("calib", "planview"):
         for module in walk_packages(import_module(package).__path__, f"{package}."):

@@ -153,7 +153,7 @@ CHECKS: dict[type, Callable[[Any, Sequence[Frame[Shot]]], list[Check]]] = {
 
 
 def _checks_of_images(spread: Sequence[Frame[Shot]], run: Sequence[Frame[Shot]]) -> list[Check]:
-    """Copies and light of images that are no pair."""
+    """Copies and light of images of one camera."""
     light = light_checks([frame.image for frame in spread])
     copies = repeated_check([frame.image for frame in run])
     return [copies, *light, _flicker_of_run(run)]

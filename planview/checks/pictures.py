@@ -65,7 +65,7 @@ def row_pictures(seen: PairFrames | DepthFrames, middle: int) -> dict[str, U8]:
 
 @row_pictures.register
 def _row_pictures_of_pair(seen: PairFrames, middle: int) -> dict[str, U8]:
-    pair = seen.rectified[middle]
+    pair = seen.rectified_pairs[middle]
     rows = as_colour(np.hstack([pair.left_grey, pair.right_grey]))
     rows[LINE_STEP_PX // 2 :: LINE_STEP_PX] = as_bgr(ROW)
     return {"rows.png": with_legend(rows, [Entry(ROW, "one row: the same point is on it in both images")])}

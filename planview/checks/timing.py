@@ -155,7 +155,7 @@ class SpeedWatch(Carried):
     """Measures walking speeds by the times of the frames, which shows a wrong rate or unit of length."""
 
     FRAMES = 5
-    """Frames between two places of a person: jitter from frame to frame is no walk."""
+    """Frames between two places of a person: less would measure jitter."""
 
     def __init__(self) -> None:
         self._places: deque[tuple[float, Mapping[int, tuple[float, float]]]] = deque(maxlen=self.FRAMES + 1)

@@ -24,7 +24,7 @@ EVERY_NTH_FRAME = 10
 MEASUREMENTS_MAX = 1000
 """Measurements that the height of people depends on."""
 THINGS_MIN = 20
-"""Fewest measured things by which the scale is doubted: shadows and doors are no people."""
+"""Fewest measured things by which the scale is doubted: fewer may be shadows or doors."""
 
 
 class RecordingWatch(Carried):

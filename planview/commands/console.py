@@ -20,7 +20,7 @@ from planview.output.folder import RunInfo
 
 
 class PlainConsole(Console):
-    """Console that shows control characters, since a folder's name may hold escape codes; no markup unless asked, and
+    """Console that shows control characters, since a folder's name may hold escape codes; no markup by default, and
     no emoji for what stands between colons."""
 
     def __init__(self, *, markup: bool = False, **options: Any) -> None:

@@ -15,7 +15,7 @@ from calib.errors import InputError
 from calib.floor_camera import FloorCamera
 from calib.formats import load_rig
 from calib.io import load_toml
-from calib.params import Location, Params, dotted, first_problem
+from calib.params import Location, Params, dotted_name, first_problem
 from calib.people.model import ADULT_HEIGHT_M
 from calib.types import F64
 from calib.world import load_world
@@ -166,7 +166,7 @@ class AnalyticsParams(Params):
 
 
 def _plain_name(name: str) -> str:
-    """Names are cells of events.csv, which spreadsheets open: what they would take for a formula is refused."""
+    """Names are cells of events.csv, which spreadsheets open: one that begins like a formula is refused."""
     if name[0] in "=+-@" or not name.isprintable():
         raise ValueError(f"expected a name of printable characters that begins with none of = + - @, found {name!r}")
     return name
@@ -351,7 +351,7 @@ def _name_of(data: dict[str, Any], location: Location) -> str:
         rule = f"{table} {data[str(table)][int(number)]['name']!r}"
     except (LookupError, TypeError, ValueError):
         rule = f"{table} number {int(number) + 1}" if isinstance(number, int) else str(table)
-    return f"{dotted(tuple(keys))} in {rule}" if keys else rule
+    return f"{dotted_name(tuple(keys))} in {rule}" if keys else rule
 
 
 def _wire(rule: Tripwire, plane: RulePlane, source: str) -> Placed:

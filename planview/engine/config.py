@@ -12,7 +12,7 @@ from pydantic import Field, ValidationError
 from calib.errors import InputError
 from calib.floor.plane import FloorParams
 from calib.io import MAX_DEPTH, load_toml, parse_toml
-from calib.params import Params, dotted, first_problem, tables_of
+from calib.params import Params, dotted_name, first_problem, tables_of
 from planview.foreground.params import ForegroundParams
 from planview.maps.grid import MapParams
 from planview.tracking.detections import DetectionParams
@@ -138,7 +138,7 @@ def _suggestion(error: ValidationError) -> str:
     if first["type"] != "extra_forbidden":
         return ""
     names = [f"{table}.{name}".lstrip(".") for table, params in tables_of(Config) for name in params.model_fields]
-    unknown = dotted(first["loc"])
+    unknown = dotted_name(first["loc"])
     near = get_close_matches(unknown, names, n=1, cutoff=0.75)
     near += [name for name in names if name.rpartition(".")[2] == unknown.rpartition(".")[2]]
     return f" (did you mean {near[0]}?)" if near else ""

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
-from calib.carried import Carried, plain, restored
+from calib.carried import Carried, plain, restore
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from calib.times import unusable_time
@@ -298,7 +298,7 @@ class Engine:
         """Resume from a copy of the state of an engine that was made with the same arguments."""
         self._last_s = state["engine"]["last_s"]
         for name, part in self._memory().items():
-            part.set_state(state[name] if isinstance(part, Carried) else restored(state[name]))
+            part.set_state(state[name] if isinstance(part, Carried) else restore(state[name]))
 
     def _memory(self) -> dict[str, Carried]:
         tracker: Any = self.tracker

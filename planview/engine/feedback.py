@@ -1,4 +1,4 @@
-"""What the tracker tells the foreground: whose pixels these are, and what is floor."""
+"""Labels that the tracker gives to the foreground: pixels of people, and of the floor."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Feedback(Carried):
             side = 2 * p.spread_px + 1
             rows, columns = (slice(max(0, low - reach), low + n + reach) for low, n in ((top, height), (left, width)))
             spread = cv2.dilate(persons[rows, columns], np.ones((side, side), dtype=np.uint8))
-            # A person's pixel is no ground.
+            # A person's pixel is not floor.
             mask[rows, columns][spread > 0] = PERSON
         return mask
 

@@ -1,7 +1,7 @@
 """Sensors: what recorded a recording, made ready to measure depth, to separate the foreground and to say what shows.
 
 A sensor is a stereo pair, a depth sensor, a camera without depth, or one whose views were recorded before. The engine
-(``planview.engine.engine``) knows none of these kinds: it asks every sensor for the same four things.
+(``planview.engine.engine``) does not depend on these kinds: it calls the same four methods of every sensor.
 """
 
 from __future__ import annotations
@@ -188,7 +188,7 @@ class RigSensor(Carried):
         clock.record("foreground")
         if not foreground.shows:
             return View.unknown(self.views.shape, measured.image, self.views.rays, measured)
-        due = foreground.settled and self.views.background_due(now_s)
+        due = foreground.is_settled and self.views.background_due(now_s)
         background = foreground.background_disparity() if due else None
         image = measured.image if foreground.sharp else as_grey(measured.image)  # colours that are mixed are none
         points = self.views.points(measured.disparity, mask, image, foreground.exposure)
@@ -283,7 +283,7 @@ class CameraSensor(Carried):
         now_s = frame.timestamp_s
         labels = self._labels
         stands = self._standing.update(frame.index, now_s, (grey,))
-        if not stands and self._standing.settled:
+        if not stands and self._standing.is_settled:
             # The background begins again with this frame; what a tracker knew is about the view before.
             self._standing.accept()
             self._forget_background()
@@ -302,7 +302,7 @@ class CameraSensor(Carried):
         return view
 
     def protect(self, people: Sequence[TrackState], view: View, decisions: Sequence[Decision]) -> None:
-        """Keep what the tracker knows of the pixels for the next frame."""
+        """Keep the tracker's labels of the pixels for the next frame."""
         feedback = None if self._tracker is None else self._tracker.feedback()
         labels = None if feedback is None else self._resized(feedback, cv2.INTER_NEAREST)
         if labels is not None and np.shape(labels) != self._reduced[::-1]:
@@ -316,7 +316,7 @@ class CameraSensor(Carried):
         return np.asarray(cv2.resize(image, self._reduced, interpolation=interpolation), dtype=np.uint8)
 
     def _known(self, labels: U8 | None) -> U8 | None:
-        """What the tracker and the search for ghosts know of the reduced frame's pixels.
+        """Labels of the reduced frame's pixels from the tracker and the search for ghosts.
 
         Ghosts are background even where a person is tracked, unless that person has been seen to walk.
         """

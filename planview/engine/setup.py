@@ -103,7 +103,7 @@ def _explained(
 
 
 def refuse_matcher(path: Path, matcher: Matcher | None) -> None:
-    """Raise InputError where a matcher is given for what is no pair."""
+    """Raise InputError where a matcher is given for a recording that is not stereo."""
     if matcher is not None:
         raise InputError(f"{path}: a matcher of your own needs a recording of stereo pairs alone")
 

@@ -41,10 +41,10 @@ class FacingErrors:
     """Differences of every match whose track faces somewhere, (K,) each.
 
     Attributes:
-        to_truth_deg: to where the truth faces, 0 to 180; NaN where it does not say.
+        to_truth_deg: to where the truth faces, 0 to 180; NaN where it has none.
         to_walk_deg: to where the true person moves, 0 to 180; NaN where that is unknown.
         speed_mps: of the true person; NaN where unknown.
-        sure: whether front and back are told apart surely, as everywhere in a table without confidence.
+        sure: True if front and back differ surely, as everywhere in a table without confidence.
     """
 
     to_truth_deg: F64

@@ -21,7 +21,7 @@ from planview.trajectories.ends import HIDDEN_S, has_ended
 ErrorKind = Literal["lost", "missed", "swapped", "transferred", "false_track"]
 UNMATCHED = -1
 PREDICTED = -2
-"""Values of ``PersonHistory.track_id`` that are no ids."""
+"""Values of ``PersonHistory.track_id`` in place of ids."""
 LOST_S = 1.0
 """A person tracked before is lost when visible but held by no track for longer, at a stretch [s]. At
 walking pace a person covers more than the gate, so that a track resumed later is resumed by luck or by identity

@@ -28,7 +28,7 @@ NEW_VARIANCE = F(4)
 NO_MATCH = 0
 SAME = 1
 OTHER_LIGHT = 2
-"""How an observation matches a Gaussian: not, by colour, or by depth under a shadow or a patch of light."""
+"""Ways in which an observation matches a Gaussian: not, by colour, or by depth under a shadow or a patch of light."""
 
 Real = Any
 """float32; numpy's scalar and Python's float do not mix for a type checker."""
@@ -121,7 +121,7 @@ def chroma_counts(g: Gaussian, o: Pixel, s: Constants) -> Any:
 
 @inlined
 def both_have_depth(g: Gaussian, o: Pixel, s: Constants) -> Any:
-    """Whether depth can be compared (Harville et al. 2001: enough of the Gaussian's observations had depth)."""
+    """True if depth can be compared (Harville et al. 2001: enough of the Gaussian's observations had depth)."""
     return o.d == o.d and g.depth_fraction >= s.min_depth_fraction
 
 
@@ -238,13 +238,13 @@ def start(g: Gaussian, weight: Real, o: Pixel, s: Constants) -> None:
 
 @helper
 def is_deep(g: Gaussian, s: Constants) -> Any:
-    """Whether a Gaussian has depth and a weight above T_D."""
+    """True if a Gaussian has depth and a weight above T_D."""
     return g.weight > s.deepest_weight and g.depth_fraction >= s.min_depth_fraction
 
 
 @helper
 def is_background(mixture: AnyArray, index: int, s: Constants) -> Any:
-    """Whether a Gaussian is one of the leading ones up to weight T, or the deepest above T_D (Harville et al. 2001)."""
+    """True if a Gaussian is one of the leading ones up to weight T, or the deepest above T_D (Harville et al. 2001)."""
     before = ZERO
     for k in range(index):
         before += mixture[k].weight

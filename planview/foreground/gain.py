@@ -25,7 +25,7 @@ THINNING = 4
 """Candidates are ranked on every fourth pixel."""
 GAIN_MAX = 8.0
 OFFSET_MAX = 100.0
-"""Gains and offsets beyond are no camera's: veiling glare and tone curves look like offsets of up to 80 levels."""
+"""Limits of the gains and offsets of cameras: veiling glare and tone curves look like offsets of up to 80 levels."""
 BLACK = 2.0
 """Luma without information: outside the lens, or below the black level [levels]."""
 ROUNDS = 6
@@ -106,7 +106,7 @@ class GainFinder:
         return last
 
     def _is_exposure(self, line: _Line, pixels: _Pixels) -> bool:
-        """Whether a line keeps enough of the scene.
+        """True if a line keeps enough of the scene.
 
         Whatever fills the image in one luma lies on a line almost without slope, on which the model would forget the
         scene; a camera that made it as bright would show more of it.

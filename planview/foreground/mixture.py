@@ -15,7 +15,7 @@ from planview.foreground.gain import Exposure, GainFinder
 from planview.foreground.params import FOREGROUND, NO_FEEDBACK, SHADOW, ForegroundParams
 
 BODY_M = 0.5
-"""How far before the background people are at the least: a step from a wall [m]."""
+"""Least distance of people from the background: a step from a wall [m]."""
 DARK_LEVEL = 20.0
 """Luma of the image (0-255) below which chroma is noise and only luma and depth are compared. Our choice: chroma
 quantised to 1 level is then worse than 5 % of the signal."""
@@ -59,7 +59,7 @@ where only every fourth frame is written back to memory."""
 class Foreground(Carried):
     """Separates what is not background, learned while watching; a fixed camera is assumed.
 
-    Feedback (optional) is an (H, W) uint8 mask of what a tracker knows of the *current* image: NO_FEEDBACK, PERSON
+    Feedback (optional) is an (H, W) uint8 mask of a tracker's labels of the *current* image: NO_FEEDBACK, PERSON
     (learns nothing) or BACKGROUND (learns within settle_s); Harville 2002, ECCV.
     """
 
@@ -114,17 +114,17 @@ class Foreground(Carried):
         self._frame = 0
         self._exposure = self._rebased = Exposure()
         self.shows = True
-        """Whether the last image showed anything that is known: else nothing was learned from it."""
+        """True if the last image showed anything that is known: else nothing was learned from it."""
         self._usual = (0.0, 0.0, 0.0)
         self._shown_s = math.nan
         self.sharp = True
-        """Whether the last image showed the edges of the background: else colours of bodies and background mix."""
+        """True if the last image showed the edges of the background: else colours of bodies and background mix."""
         self._usual_edges = 0.0
         self._sharp_s = math.nan
 
     @property
-    def settled(self) -> bool:
-        """Whether the start is over, during which every observation counts alike."""
+    def is_settled(self) -> bool:
+        """True if the start is over, during which every observation counts alike."""
         return self._now_s - self._first_s > self.params.settle_s
 
     def update(
@@ -177,12 +177,12 @@ class Foreground(Carried):
         return self._without_fattening(mask)
 
     def _judge(self, frame: kernels.FrameArrays, timestamp_s: float, steady: bool) -> bool:
-        """Whether a frame shows what the background can be compared with, as nearly as much as usual.
+        """True if a frame shows nearly as much as usual of what the background can be compared with.
 
         No person covers the rest of the view, or takes the depth of it, from one frame to the next. What lasts is no
         damage but another light, or another view, which begins a new background.
         """
-        if not steady and not self.settled:  # what has been learned is of another view
+        if not steady and not self.is_settled:  # what has been learned is of another view
             self.reset()
             return False
         n, lit, shown, compared = kernels.count_shown(self._model, frame, self._constants(), SAMPLED)
@@ -190,7 +190,7 @@ class Foreground(Carried):
         gap_s = timestamp_s - self._shown_s
         covered = SHOWN_MIN ** max(1.0, gap_s / COVER_S) if self.shows else SHOWN_MIN
         least = covered if steady else BACK_MIN, DEPTH_MIN, LIT_MIN
-        if self.settled and any(now < a * usual for now, a, usual in zip(shares, least, self._usual, strict=True)):
+        if self.is_settled and any(now < a * usual for now, a, usual in zip(shares, least, self._usual, strict=True)):
             if not steady or gap_s < DAMAGE_S:
                 return False
             if shares[0] < 0.5 * self._usual[0]:
@@ -289,7 +289,7 @@ class Foreground(Carried):
         dt = max(timestamp_s - self._now_s, 0.0)
         self._now_s = max(timestamp_s, self._now_s)
         age_s = self._now_s - self._first_s
-        n = min(max(round(TURN_S / max(dt, 1e-3)), 1), TURNS_MAX) if self.settled else 1
+        n = min(max(round(TURN_S / max(dt, 1e-3)), 1), TURNS_MAX) if self.is_settled else 1
         due = np.arange(self._frame % n, TURNS_MAX, n)
         # A gap in time counts as at most this much learning [s]: what happened in it was not observed.
         dt_s = np.minimum(self._now_s - self._learned_s[due], 1.0)

@@ -9,7 +9,7 @@ from calib.params import Params
 NO_FEEDBACK = 0
 PERSON = 1
 BACKGROUND = 2
-"""Values of a feedback mask: what a tracker knows about each pixel."""
+"""Values of a feedback mask: a tracker's label of each pixel."""
 
 FOREGROUND = 255
 NEARER = 191
@@ -17,7 +17,7 @@ SHADOW = 127
 """Values of the kernels' mask; background is 0. What is nearer than the background has its colour: only depth shows
 it apart. A shadow is one that its colour alone gives away."""
 WALKER = 3
-"""Feedback for one camera: a person who has left the first place, and so is no ghost of the background."""
+"""Feedback for one camera: a person who has left the first place, and so is not a ghost of the background."""
 
 
 class ForegroundParams(Params):
@@ -52,12 +52,12 @@ class ForegroundParams(Params):
     deepest_weight: float = Field(0.2, gt=0, lt=1)
     """The deepest Gaussian with depth is background above this weight (T_D). Harville 2001: about 0.2."""
     fattening_px: int = Field(7, ge=0, le=50)
-    """How far the matcher carries a disparity beyond an outline [px of the matched image]: half of the window in which
-    it asks for texture. 0 leaves all that depth alone separates from the background."""
+    """Distance by which the matcher carries a disparity beyond an outline [px of the matched image]: half of the window
+    in which it asks for texture. 0 leaves all that depth alone separates from the background."""
     shadow_ratio: float = Field(0.35, gt=0, le=1)
     """Darkest shadow, as a fraction of the lit luma; inverted, where depth agrees, the brightest patch of light. Our
     choice: shade outdoors keeps a third of the image level after the camera's tone curve."""
     depth: bool = True
-    """Whether depth takes part, when there is one. Harville 2001 adds it to mixtures in colour; false is such a one."""
+    """Compare depth, too, when there is one, as Harville 2001 does; false compares colour alone."""
     remove_colour_shadows: bool = False
     """Remove shadows by that ratio at equal chroma where there is no depth (for one camera without depth)."""

@@ -38,7 +38,7 @@ from stereo.recording import Frame, FrameClock, OpenOptions, Skipped
 
 FORMAT = "planview maps"
 VERSION = 2
-"""Of the layout; a file of another one is refused."""
+"""Version of the layout; a file of another one is refused."""
 BLOCK_FRAMES = 32
 """Frames written and read at a time."""
 RANGES: dict[str, tuple[float, float]] = {
@@ -48,7 +48,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "x_min_m": (-MAX_AWAY_M, MAX_AWAY_M), "y_min_m": (-MAX_AWAY_M, MAX_AWAY_M), "cell_m": (1e-3, 1.0),
     "n_rows": (1, MAX_CELLS), "n_cols": (1, MAX_CELLS),
 }  # fmt: skip
-"""What the numbers of a rig, its floor and its grid can be (our choice: wider than any camera)."""
+"""Ranges of the numbers of a rig, its floor and its grid (our choice: wider than any camera)."""
 APPEARANCE = "points/appearance"
 COLUMNS: dict[str, type] = {
     "frames/index": np.int64, "frames/timestamp_s": np.float64, "frames/end": np.int64,
@@ -87,8 +87,8 @@ class RecordedPoints:
 
 
 class RecordedViews(NamedTuple):
-    """What the points of a recording need to become views again: the rig above its floor, with the grid of the maps,
-    and JSON of the configuration that made them."""
+    """Everything that the points of a recording need to become views again: the rig above its floor, with the grid of
+    the maps, and JSON of the configuration that made them."""
 
     rig: FloorRig
     config: str
@@ -202,7 +202,7 @@ def _ascend(pixels: AnyArray, below: int) -> bool:
 
 
 def _is_hdf5(path: Path) -> bool:
-    """Whether a path is a file of HDF5, by its name or its first bytes."""
+    """True if a path is a file of HDF5, by its name or its first bytes."""
     if not path.is_file():
         return False
     if path.suffix in (".h5", ".hdf5"):
@@ -374,7 +374,7 @@ class MapsWriter:
                 column[start:] = values
 
     def _ends(self, column: str, lengths: Sequence[int]) -> AnyArray:
-        """Where some more frames' values end in a column."""
+        """Ends of some more frames' values in a column."""
         return len(self._file[column]) + np.cumsum(lengths)
 
     def _column(self, name: str, kind: Any, width: int = 0) -> Any:

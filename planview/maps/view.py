@@ -44,7 +44,7 @@ CHROMA_SPREAD = 0.4
 """Deviation of the smoothing, in cells: light differs by a fifth within a room, chroma hardly."""
 REFERENCE = Exposure()
 RENEW_S = 30.0
-"""How far the background is, is measured again every so often [s]: moved furniture has become background then
+"""Time after which the range of the background is measured again [s]: moved furniture has become background then
 (``ForegroundParams.learning_rate``), and what hides people rarely moves."""
 NO_POINTS = FloorPoints(np.empty((0, 3), np.float32), np.empty(0, np.float32), np.empty(0, np.int32))
 
@@ -129,7 +129,7 @@ NO_RAYS = PixelRays(
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What each pixel of one camera shows in a frame.
+    """A frame of one camera, pixel by pixel.
 
     Attributes:
         rays: of the camera; NO_RAYS where its place is not known.
@@ -165,7 +165,7 @@ class View:
 
     @cached_property
     def shows(self) -> bool:
-        """Whether anything is known."""
+        """True if anything is known."""
         return bool((self.kind != UNKNOWN).any())
 
     @cached_property
@@ -242,7 +242,7 @@ class ViewBuilder(Carried):
         return PixelRays.of(self._left, self._geometry, self._reduction)
 
     def background_due(self, timestamp_s: float) -> bool:
-        """Whether the background is to be measured again."""
+        """True if it is time to measure the background again."""
         return timestamp_s - self._looked_s >= RENEW_S
 
     def __call__(

@@ -41,8 +41,8 @@ def edit_line(kind: str, edit: Sequence[float] | float | str) -> str:
 
 def edited(table: Trajectories, lines: Sequence[str]) -> Trajectories:
     """The tracks, sorted by frame, then id, after edits in order; a new id is one above all ids so far, those that
-    edits took away included. Raises InputError: a line that is no edit, a track that is not there, or two rows of one
-    frame that would get one id."""
+    edits took away included. Raises InputError: a line that is not an edit, a track that is not there, or two rows of
+    one frame that would get one id."""
     newest = int(table.track_id.max(initial=0))
     for line in lines:
         table = _applied(table, line, newest)

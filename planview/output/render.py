@@ -146,7 +146,7 @@ CODECS = {".mp4": "vp09", ".webm": "VP80", ".avi": "MJPG", ".mkv": "VP80"}
 
 @contextmanager
 def _silent() -> Iterator[None]:
-    """Hide what libraries in C print: OpenCV does not know that .webm holds VP8, and warns of it."""
+    """Hide what libraries in C print: OpenCV warns that .webm cannot hold VP8, which it can."""
     kept = os.dup(2)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 2)

@@ -34,7 +34,7 @@ class RerunFrames:
         self._stream = stream
         self._shown: set[str] = set()
         self._curves: set[str] = set()
-        # Of the first frame, then three seconds later, when the foreground knows people.
+        # Of the first frame, then three seconds later, when the foreground shows people.
         self._scenes_at_s = [-math.inf] if has_scene else []
         self.keep("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         names = ["camera", *[*engine.rigs][1:]]

@@ -34,7 +34,7 @@ from stereo.readers.images import SUFFIXES
 
 
 class UnidentifiedError(InputError):
-    """A part of a run cannot be told from another one, so that the run cannot be resumed."""
+    """A part of a run cannot be identified, so that the run cannot be resumed."""
 
 
 def part_name(part: object) -> str:

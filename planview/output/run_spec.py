@@ -1,4 +1,4 @@
-"""What a run is asked to do, and what makes it the same run as another one."""
+"""Specification of a run, and what makes it the same run as another one."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class RunSpec:
         return RunInfo(
             input=os.fspath(path),
             recording=os.fspath(path.resolve()) if path.exists() else "",
-            opened=recording.options.resolved(),
+            opened=recording.options.resolve(),
             notes=list(recording.notes),
             size_px=engine.size,
             fps=recording.fps,

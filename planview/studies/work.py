@@ -84,7 +84,7 @@ class Job:
 
 def plan_jobs(study: Study, names: Sequence[str], out: Path) -> list[Job | JobResult]:
     """The runs of a study (arguments of ``run_study``), or why they cannot begin: configuration by configuration,
-    recording by recording, seed by seed. Raises InputError: a setting that is no parameter or out of its range."""
+    recording by recording, seed by seed. Raises InputError: a setting that is not a parameter, or out of its range."""
     version = code_version()
     sources = [*map(identify, names, study.recordings)]
 

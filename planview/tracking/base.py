@@ -262,7 +262,7 @@ def _unfit_for_table(people: Sequence[TrackState]) -> str:
 
 
 def refuse_tracker(tracker: object, names: Sequence[str]) -> None:
-    """Raises InputError for a name that is none of ``names``, and for an object that is no ``Tracker``."""
+    """Raises InputError for a name that is none of ``names``, and for an object that is not a ``Tracker``."""
     if isinstance(tracker, str):
         if tracker not in names:
             _refuse(f"one of {', '.join(names)}", repr(tracker))

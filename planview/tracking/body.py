@@ -71,7 +71,7 @@ HEAD: Profile = ((NECK_FROM, 0.87, 0.07, 1.0), (0.87, 0.97, HEAD_M, HEAD_DEPTH),
 of the torso after Zhang, the other breadths ours."""
 LIMBS: Profile = ((0.0, 0.42, 0.16, 2.0), (0.42, 0.78, 0.31, 0.4))
 LIMBS_SHARE = 0.35
-"""Where striding legs are before and behind the body and arms next to it, and how often they are there."""
+"""Place of striding legs before and behind the body and of arms next to it, and the share of time they are there."""
 LEAN_M = 0.2
 """Head before the feet of somebody who looks at a phone, at the floor or into a shelf [m]; shoulders half of it."""
 LEAN_STD_M = 0.15

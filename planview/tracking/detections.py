@@ -151,7 +151,7 @@ class _DetectionsTracker(Carried, Generic[P]):
         """Nothing to learn from images."""
 
     def feedback(self) -> U8 | None:
-        """No feedback: boxes are no labels of pixels."""
+        """None: boxes do not label pixels."""
         return None
 
     def debug(self) -> TrackerDebug:
@@ -313,7 +313,8 @@ class DetectionTracker(_DetectionsTracker[DetectedPerson]):
             self._life.confirm(person.existence, existence, person.probability)
 
     def _miss(self, person: DetectedPerson, dt_s: float, fresh: float) -> None:
-        """Take in that there is no box: survival, and evidence against as far as the person should be seen."""
+        """Lower the existence of a person without a box by its chance to have left, and by how much of it should be
+        seen."""
         nearer = []
         for other in self._people:
             if other is not person and other.bottom_px >= person.bottom_px:  # lower in the image is nearer

@@ -81,7 +81,7 @@ def motchallenge_rows(path: Path) -> tuple[F64, str]:
 
 
 def _numbers(line: str, places: Sequence[int]) -> list[float]:
-    """The numbers of a row, at some places or all; none where one is no number."""
+    """The numbers of a row, at some places or all; none where one is not a number."""
     if ";" in line:
         line = line.replace(",", ".")
     cells = re.sub('[,;"]', " ", line).split()
@@ -182,7 +182,7 @@ class _Rest(NamedTuple):
 
 
 def _read_rest(table: F64) -> _Rest:
-    """The columns from the seventh on, told apart by their values."""
+    """The columns from the seventh on, detected from their values."""
     more = table[:, 6:]
     width = more.shape[1]
     unknown = np.full(len(table), np.nan)

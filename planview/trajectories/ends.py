@@ -12,7 +12,7 @@ HIDDEN_S = 4.0
 Predicted rows of somebody hidden are rows."""
 JUMP_M = 1.0
 JUMP_MPS = 8.0
-"""A step that is longer [m] and faster [m/s] is no movement: ten times the noise of a good tracker, and a sprint."""
+"""Length [m] and speed [m/s] above which a step is a jump: ten times the noise of a good tracker, and a sprint."""
 ERROR_M = 3.0
 """A shorter jump may correct the place of the same person [m]. Our choice: three times JUMP_M, more than our trackers
 ever err."""

@@ -208,7 +208,7 @@ def prepare_export(
 
 
 class FilePair(NamedTuple):
-    """Tracks and truth of one recording; ``name`` is empty where only one was asked for."""
+    """Tracks and truth of one recording; ``name`` is empty where only one was loaded."""
 
     name: str
     tracks: Path

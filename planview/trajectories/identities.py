@@ -15,7 +15,7 @@ FORGOTTEN_S = 60.0
 """After nobody at all had a row for longer, ids that are used again are other people [s]: no tracker recognises people
 after more than a minute."""
 CLOSE_S = 1.0
-"""Whoever has no row for longer shows neither that a recording goes on nor that it is another [s]."""
+"""Longest gap between rows of one id that still shows whether the same recording continues [s]."""
 COUNTED_ANEW = 3
 """So many ids that are used again, the lowest ones and in their order, were counted from 1 again."""
 JUMPS_MAX = 0.1

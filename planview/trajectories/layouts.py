@@ -1,4 +1,4 @@
-"""Trajectories in JSON lines, and in files that are no text: the Ped Data Archive (HDF5), JuPedSim (SQLite), Parquet.
+"""Trajectories in JSON lines, and in binary files: the Ped Data Archive (HDF5), JuPedSim (SQLite), Parquet.
 
 Every reader takes a path and raises InputError: unreadable, damaged, not what its format asks for, or too large.
 """
@@ -107,7 +107,7 @@ CREATE INDEX frame_id_idx ON trajectory_data (frame, id);
 
 
 def read_ped_data_archive(path: Path) -> TrajectoryFile:
-    """HDF5 of the Ped Data Archive; a z of 0 or less, or none, is no height."""
+    """HDF5 of the Ped Data Archive; a z of 0 or less counts as unknown."""
     import h5py  # a tenth of a second, and only these files need it
 
     with (

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 Colouring = Literal["id", "time"]
 NAMED_MAX = 20
-"""Ids in a legend; more cannot be told apart by their colours."""
+"""Most ids in a legend: more have no colours that differ visibly."""
 TRUTH_COLOUR = "#141414"
 INK = "#333333"
 FAINT = "#b9bec6"

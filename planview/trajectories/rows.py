@@ -92,7 +92,7 @@ def read_rows(path: Path, start: str) -> TrajectoryFile:
     """Rows of numbers whose columns a line in the ``start`` of the file names: PeTrack, PedPy, simulations and others.
 
     Comments give the frame rate, and the unit where names have none; simulations, which have times for frames, are in
-    metres. Rows without names are what fits best. A z of 0 or less, or none, is no height."""
+    metres. Rows without names are what fits best. A z of 0 or less counts as unknown."""
     comments = re.match(r"(?:[ \t\r]*\n|#.*\n?)*", start)[0]  # type: ignore[index]
     header, columns = columns_of(start) or (-1, {})
     table = _read_numbers(path, start, header + 1, columns)

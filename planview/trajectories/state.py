@@ -14,7 +14,7 @@ State = Literal["tentative", "confirmed", "lost"]
 
 @dataclass(frozen=True)
 class TrackState:
-    """One person in one frame: a row of ``tracks.csv``. NaN where a tracker cannot know.
+    """One person in one frame: a row of ``tracks.csv``. NaN where a tracker does not measure it.
 
     Attributes:
         track_id: from 1 in the order in which people are confirmed, and negative while tentative; unique in a run.

@@ -29,7 +29,7 @@ TRACK_COLUMNS = (
     "left_px", "top_px", "width_px", "height_px", "facing_deg", "facing_confidence", "confidence", "std_m",
 )  # fmt: skip
 DECIMALS = (None, 4, None, *[4] * 5, None, *[1] * 5, 3, 4, 4)
-"""Decimals of each column: 0.1 mm, 0.1 ms, 0.1 px, 0.1 degrees, 0.01 or 0.1 %; None where it is no fraction."""
+"""Decimals of each column: 0.1 mm, 0.1 ms, 0.1 px, 0.1 degrees, 0.01 or 0.1 %; None for whole numbers."""
 _ROW = ",".join("%s" if decimals is None else f"%.{decimals}f" for decimals in DECIMALS) + "\n"
 NUMBER_COLUMNS = tuple(name for name in TRACK_COLUMNS if name != "state")
 COLUMNS = (*TRACK_COLUMNS, "visible")

@@ -1,1 +1,1 @@
-"""What would explain a recording that makes no sense: hypotheses, tried on a few frames, and a judgement."""
+"""Explanations of a recording that makes no sense: hypotheses, tried on a few frames, and a judgement."""

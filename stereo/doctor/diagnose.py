@@ -1,5 +1,5 @@
-"""Which hypothesis explains a recording that makes no sense, and what it gives: rows that agree, a floor with people of
-a person's height above it, depth whose edges are the image's. Nothing is decided here."""
+"""Search for the hypothesis that explains a recording which makes no sense, by what it gives: rows that agree, a floor
+with people of a person's height above it, depth whose edges are the image's. Nothing is decided here."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ FIRST_FRAMES = 2
 ENDED = 2.0
 """A hypothesis whose rows fit worse than the best one's by this factor in the first look is not looked at again."""
 ROWS_ALIKE = 1.2
-"""Hypotheses whose rows fit worse by less are told apart by their floor."""
+"""Difference in the fit of rows below which hypotheses are compared by their floor."""
 SURELY = 3.0
 """Another state of a pair explains its rows and floor by this factor better than what was recorded does."""
 HIDDEN_FLOOR = -2.5
@@ -60,7 +60,7 @@ def diagnose_pair(recording: Recording[StereoPair], search: FloorSearch) -> Find
     """The hypothesis under which the rows of pairs fit, or else their floor, and do not as recorded."""
     shots = [(frame.images[0], frame.images[1]) for frame in recording.sample(SPREAD_FRAMES)]
     pairs = Pairs(recording.sensor.rig, shots)
-    is_aligned = pairs.aligned >= LEAST_ALIGNED
+    is_aligned = pairs.aligned_share >= LEAST_ALIGNED
     tried = PAIRS if is_aligned else (*PAIRS, *RAW_PAIRS)
     likely = shortlist(pairs.first(FIRST_FRAMES), tried, rows_score, ENDED**ROWS_WEIGHT)
     likely = shortlist(pairs, likely, rows_score, ROWS_ALIKE**ROWS_WEIGHT)
@@ -102,8 +102,8 @@ def _by_floor(scene: DepthScene, hypotheses: Sequence[Hypothesis[DepthScene]], s
 
 
 class PlaceOfDepth(NamedTuple):
-    """Where depth lies best on its image, across and down [px of 640], NaN where there are too few edges to tell; and
-    what explains that it is not where it should be."""
+    """Shift at which depth lies best on its image, across and down [px of 640], NaN where there are too few edges to
+    tell; and what explains that it is not where it should be."""
 
     shift_px: tuple[float, float] = (math.nan, math.nan)
     finding: Finding | None = None
@@ -116,7 +116,7 @@ class PlaceOfDepth(NamedTuple):
 
 
 def place_of_depth(frames: Sequence[Frame[Shot]]) -> PlaceOfDepth:
-    """Of at least four frames spread over a recording, whose images have depth."""
+    """Find where depth lies in at least four frames spread over a recording."""
     if len(frames) < 4:
         return PlaceOfDepth()
     overlay = Overlay.of(frames)
@@ -138,12 +138,12 @@ def stored_scene(recording: Recording[DepthCamera]) -> DepthScene:
     ray = np.linalg.norm(pixel_rays(camera), axis=2).astype(np.float32)
     images, values = _stored_frames(recording)
 
-    def rectified(image: U8, depth_m: F32) -> F32:
+    def rectify(image: U8, depth_m: F32) -> F32:
         return rectifier(image, sensor.registration(depth_m))[1]
 
     is_whole = all(np.issubdtype(depth.dtype, np.integer) for depth in values)
     units_per_m = sensor.depth_units.units_per_m if is_whole else 1.0
-    stored = StoredDepth(images, values, units_per_m, ray, rectified)
+    stored = StoredDepth(images, values, units_per_m, ray, rectify)
     return DepthScene((), rectifier.geometry, stored).read(lambda values, stored: metres(values, stored.units_per_m))
 
 

@@ -27,7 +27,8 @@ SCALE = "state its scale, or store floating-point numbers in metres"
 UPRIGHT = "turn the images, and calibrate the turned ones"
 TIMES = "give each camera the times of its images; where one counts from 0 and the other from 1, renumber it"
 PLANE_ODDS = 100.0
-"""Odds against what a plane alone says, which may be a ceiling or a wall: people who stand on it decide."""
+"""Odds against a hypothesis that a plane alone supports, which may be a ceiling or a wall: people who stand on it
+decide."""
 CURVED_ODDS = 2.0
 """Odds against rows that bend: what bends may also be moved."""
 
@@ -37,7 +38,7 @@ def _images(undo: Callable[[AnyArray, AnyArray], tuple[AnyArray, AnyArray]]) -> 
     return lambda pairs: replace(pairs, shots=[undo(*shot) for shot in pairs.shots])
 
 
-def _upturned(image: AnyArray) -> AnyArray:
+def _turn_by_180(image: AnyArray) -> AnyArray:
     return image[::-1, ::-1]
 
 
@@ -46,7 +47,7 @@ def _rig(undo: Callable[[StereoRig], StereoRig]) -> Callable[[Pairs], Pairs]:
     return lambda pairs: replace(pairs, rig=undo(pairs.rig))
 
 
-def _inverted(rig: StereoRig) -> StereoRig:
+def _invert(rig: StereoRig) -> StereoRig:
     """The inverse pose, with the right camera on the right."""
     pose = rig.right_SE3_left.inverse()
     return replace(rig, right_SE3_left=SE3(pose.rotation, -pose.translation))
@@ -55,12 +56,12 @@ def _inverted(rig: StereoRig) -> StereoRig:
 def _of_images(scale: float) -> Callable[[StereoRig], StereoRig]:
     """The calibration of images ``scale`` times as large, fitted to these."""
 
-    def fitted(camera: Camera) -> Camera:
+    def fit(camera: Camera) -> Camera:
         cx = (camera.cx + 0.5) / scale - 0.5
         cy = (camera.cy + 0.5) / scale - 0.5
         return replace(camera, fx=camera.fx / scale, fy=camera.fy / scale, cx=cx, cy=cy)
 
-    return lambda rig: replace(rig, left=fitted(rig.left), right=fitted(rig.right))
+    return lambda rig: replace(rig, left=fit(rig.left), right=fit(rig.right))
 
 
 RAW_PAIRS = (
@@ -76,15 +77,15 @@ RAW_PAIRS = (
         CURVED_ODDS,
     ),
 )
-"""Of images that do not lie on their rows under a calibration of rectified ones."""
+"""Hypotheses about images that do not lie on their rows under a calibration of rectified ones."""
 PAIRS = (
     Hypothesis("left and right are exchanged", "exchange them", _images(lambda left, right: (right, left))),
-    Hypothesis("the right images are upside down", AS_TAKEN, _images(lambda left, right: (left, _upturned(right)))),
-    Hypothesis("the left images are upside down", AS_TAKEN, _images(lambda left, right: (_upturned(left), right))),
+    Hypothesis("the right images are upside down", AS_TAKEN, _images(lambda left, right: (left, _turn_by_180(right)))),
+    Hypothesis("the left images are upside down", AS_TAKEN, _images(lambda left, right: (_turn_by_180(left), right))),
     Hypothesis(
         "the images of both cameras are upside down",
         AS_TAKEN,
-        _images(lambda left, right: (_upturned(left), _upturned(right))),
+        _images(lambda left, right: (_turn_by_180(left), _turn_by_180(right))),
     ),
     Hypothesis(
         "the images of both cameras are mirrored",
@@ -92,20 +93,20 @@ PAIRS = (
         _images(lambda left, right: (left[:, ::-1], right[:, ::-1])),
     ),
     Hypothesis("the images are rectified already", "give the calibration of the rectified images", _rig(rectified_rig)),
-    Hypothesis("the pose of the right camera is inverted", "store right_SE3_left, not left_SE3_right", _rig(_inverted)),
+    Hypothesis("the pose of the right camera is inverted", "store right_SE3_left, not left_SE3_right", _rig(_invert)),
     Hypothesis("the calibration is that of images twice the size", SCALED, _rig(_of_images(2.0))),
     Hypothesis("the calibration is that of images 1.5 times the size", SCALED, _rig(_of_images(1.5))),
     Hypothesis("the calibration is that of images two thirds of the size", SCALED, _rig(_of_images(2 / 3))),
     Hypothesis("the calibration is that of images half the size", SCALED, _rig(_of_images(0.5))),
 )
-"""Of the images and the calibration of a pair: rows show them."""
+"""Hypotheses about the images and the calibration of a pair: rows show them."""
 
 
 def _baseline(name: str, unit_m: float) -> Hypothesis[DepthScene]:
     return Hypothesis(f"the baseline is in {name}", "give it in metres", lambda scene: scene.scale(unit_m))
 
 
-def _turned(how: str, quarters: int) -> Hypothesis[DepthScene]:
+def _mount(how: str, quarters: int) -> Hypothesis[DepthScene]:
     return Hypothesis(f"the camera {how}", UPRIGHT, lambda scene: scene.turn(quarters), PLANE_ODDS)
 
 
@@ -115,11 +116,11 @@ BASELINES = (
     _baseline("inches, or in squares of about 25 mm", 0.0254),
 )
 MOUNTS = (
-    _turned("hangs upside down", 2),
-    _turned("lies on its left side", 3),
-    _turned("lies on its right side", 1),
+    _mount("hangs upside down", 2),
+    _mount("lies on its left side", 3),
+    _mount("lies on its right side", 1),
 )
-"""Of what is measured rightly and taken wrongly: the floor shows it."""
+"""Hypotheses about how measurements are taken: the floor shows them."""
 
 
 def _units(per_metre: float) -> Hypothesis[DepthScene]:
@@ -153,7 +154,7 @@ DEPTHS = (
         PLANE_ODDS,
     ),
 )
-"""Of stored depth: the floor shows them."""
+"""Hypotheses about stored depth: the floor shows them."""
 
 
 def _in_size(scale: float) -> Callable[[F32], F32]:
@@ -167,7 +168,7 @@ def _in_size(scale: float) -> Callable[[F32], F32]:
     return lay
 
 
-def _unregistered(size: float) -> Hypothesis[Overlay]:
+def _registration(size: float) -> Hypothesis[Overlay]:
     name = f"depth is not registered to its image, {size:g} of its size"
     return Hypothesis(name, REGISTER, lambda overlay: overlay.lay(_in_size(size)))
 
@@ -181,17 +182,17 @@ PLACES = (
         AS_TAKEN,
         lambda overlay: overlay.lay(lambda depth: depth[::-1, ::-1]),
     ),
-    *(_unregistered(size) for size in (0.72, 0.84, 0.92, 1.09, 1.19, 1.39)),
+    *(_registration(size) for size in (0.72, 0.84, 0.92, 1.09, 1.19, 1.39)),
 )
-"""Of depth on its image, whose edges it has. Unregistered depth has the size of another lens: 0.92 of Kinects, 0.72 of
-RealSense, and the inverse where the image is not registered to the depth."""
+"""Hypotheses about depth on its image, whose edges it has. Unregistered depth has the size of another lens: 0.92 of
+Kinects, 0.72 of RealSense, and the inverse where the image is not registered to the depth."""
 OFFSET_DEPTH = Hypothesis[Overlay](
     "depth is not registered to its image but offset from it", REGISTER, lambda overlay: overlay.at_best_shift
 )
 
 
 def _late(name: str) -> Hypothesis[Any]:
-    """Of lags with ``frames`` and ``gain``, which is how much likelier they are than none."""
+    """Hypothesis about lags with ``frames`` and ``gain``, the log odds of the lag against none."""
     return Hypothesis(name, TIMES, lambda lag: lag._replace(frames=0.0, gain=0.0))
 
 
@@ -199,7 +200,7 @@ LATE = {
     "right camera": _late("the cameras are not synchronous, or one of them is numbered one higher"),
     "depth": _late("depth and its image are not of one time"),
 }
-"""Of time: what moves, moves in both at once."""
+"""Hypotheses about time: what moves, moves in both at once."""
 BY_KIND: dict[str, tuple[Hypothesis[Any], ...]] = {
     "images and calibration of a pair": (*PAIRS, *RAW_PAIRS),
     "baseline": BASELINES,

@@ -26,7 +26,7 @@ SHIFT_PX_MAX = 12.0
 """Depth may lie this far from its image [px of 640]: registered depth of Kinects lies 8 px to one side, since it ends
 where the light's shadow begins."""
 NEARER_M = 0.2
-"""What moves is nearer than the usual depth by this [m]."""
+"""Least distance by which what moves is nearer than the usual depth [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ class Overlay:
 
     @property
     def best_shift(self) -> tuple[int, int]:
-        """Where depth lies best on the image, across and down [px of WIDTH]."""
+        """Shift at which depth lies best on the image, across and down [px of WIDTH]."""
         down, across = np.unravel_index(int(np.argmax(self.correlation)), self.correlation.shape)
         return int(across) - REACH_PX[1], int(down) - REACH_PX[0]
 
@@ -80,13 +80,13 @@ class Overlay:
 
 
 def place_score(overlay: Overlay) -> Score:
-    """How well depth lies on its image wherever it does best."""
+    """Score of depth on its image at the best shift."""
     peak = float(overlay.correlation.max())
     return Score(math.log(max(peak, 0.5 * EDGES_MIN)), f"edges fit by {peak:.2f}")
 
 
 def offset_score(overlay: Overlay) -> Score:
-    """How well depth lies on its image as it is."""
+    """Score of depth on its image as it is."""
     here = float(overlay.correlation[REACH_PX])
     return Score(math.log(max(here, 0.5 * EDGES_MIN)), f"edges fit by {here:.2f}")
 

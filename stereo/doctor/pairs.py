@@ -34,7 +34,7 @@ MIN_CURVED = 60
 CURVED_STEPS = 10
 """Steps of the robust fit of that."""
 FITTED_WORTH = 0.8
-"""What a corner is worth where rows are fitted to it."""
+"""Weight of a corner where rows are fitted to it."""
 CHANGE_LEVEL = 20.0
 """Grey levels by which what moves differs from the usual picture (our choice)."""
 
@@ -57,7 +57,7 @@ class Pairs:
         return Rectifier(self.rig, RectifyParams(working_px=WIDTH))
 
     @cached_property
-    def _rectified(self) -> list[Rectified]:
+    def _rectified_pairs(self) -> list[Rectified]:
         """Without pairs whose images, as they would be, are of another size than the calibration's."""
         rectified = []
         for left, right in self.shots:
@@ -74,7 +74,7 @@ class Pairs:
         farthest = -0.5 if is_aligned else -reach  # where infinity is, raw images do not show
         search_px = 6 if is_aligned else 24
         matches = [np.empty((0, 4))]
-        for pair in self._rectified:
+        for pair in self._rectified_pairs:
             found = match_corners(pair.left_grey, pair.right_grey, reach, -reach, features=CORNERS, search_px=search_px)
             matches.append(found[found[:, 0] - found[:, 2] > farthest])
         return np.concatenate(matches)
@@ -90,7 +90,7 @@ class Pairs:
         return offsets
 
     @property
-    def aligned(self) -> float:
+    def aligned_share(self) -> float:
         """Share of the corners that lie on their rows."""
         if not self.shots or not (is_ideal(self.rig) or self.rows == "aligned"):
             return 0.0
@@ -112,7 +112,7 @@ class Pairs:
         searched = DisparityRange(0, 16 * math.ceil(0.25 * WIDTH / 16))
         match = SgbmMatcher(geometry, None, searched, self._rectifier.mask, self._rectifier.right_mask)
         depths = []
-        for pair in self._rectified:
+        for pair in self._rectified_pairs:
             disparity = match(pair.left_grey, pair.right_grey)
             known = np.where(disparity >= 0.5, disparity, np.float32(np.nan))
             depths.append(np.asarray(np.float32(geometry.disparity_metre) / known, dtype=np.float32))
@@ -133,6 +133,6 @@ def _smooth(matches: F64) -> F64:
 
 def rows_score(pairs: Pairs) -> Score:
     """Corners that lie on their rows."""
-    share = pairs.aligned
+    share = pairs.aligned_share
     value = ROWS_WEIGHT * math.log(share) if share >= LEAST_ALIGNED else -math.inf
     return Score(value, f"matched corners are on their rows within {pairs.rows_px:.1f} px of 640")

@@ -29,9 +29,10 @@ PERSON_M = 1.7
 PERSON_STD_M = 0.15
 """Its deviation with that of the measurement [m]."""
 PERSON_STDS_MAX = 5.0
-"""Deviations above which it is no longer evidence against a floor: what moves may be a door."""
+"""Largest deviation of what moves that still speaks against a floor: a larger one may be a door."""
 PEOPLE = 8.0
-"""How much likelier something of that height is above a right floor than above another, where any up to 3 m are."""
+"""Likelihood ratio of something of a person's height above a right floor and above another, where any height up to 3 m
+occurs."""
 NO_FLOOR = -6.0
 """Plausibility of a view without a floor: a camera may show none, but rarely does."""
 PLAUSIBLE = -6.0
@@ -132,6 +133,6 @@ def floor_view(scene: DepthScene, search: FloorSearch) -> FloorView:
 
 
 def floor_score(view: FloorView, before: FloorView) -> Score:
-    """How plausible the floor of a view is; ``before`` is the view as recorded."""
+    """Plausibility of the floor of a view; ``before`` is the view as recorded."""
     instead = f" in place of {before.floor.height_m:.2f} m" if before.floor else ""
     return Score(max(view.plausible, NO_FLOOR), f"{view}{instead}")

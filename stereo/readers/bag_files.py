@@ -31,7 +31,7 @@ _OTHER = (
 )
 _UNPACKED = "expected a bag as it is recorded, found one that is compressed: ros2 bag convert writes it unpacked"
 MAX_NS = 2**62
-"""Times beyond the year 2116 are no clock's."""
+"""Latest time that counts as one: in the year 2116."""
 
 
 class Topic(NamedTuple):
@@ -43,7 +43,7 @@ class Topic(NamedTuple):
 
     @property
     def holds_images(self) -> bool:
-        """Whether its messages are images."""
+        """True if its messages are images."""
         return self.type in (IMAGE, COMPRESSED) and self.n_messages > 0
 
 

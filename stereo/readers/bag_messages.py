@@ -101,7 +101,7 @@ _DEPTH_HEADER = struct.Struct("<iff")
 def stored_pixels(message: ImageMessage) -> AnyArray:
     """(H, W) or (H, W, 3) BGR, of the type in which the values were stored. Raises UnreadableError."""
     try:
-        return _raw(message) if message.width >= 0 else _compressed(message)
+        return _raw(message) if message.width >= 0 else _decompress(message)
     except UnreadableError:
         raise
     except KeyError as error:
@@ -150,7 +150,7 @@ def _array(message: ImageMessage, kind: str, channels: int) -> AnyArray:
     return values if channels == 1 else values.reshape(height, message.width, channels)
 
 
-def _compressed(message: ImageMessage) -> AnyArray:
+def _decompress(message: ImageMessage) -> AnyArray:
     if "compressedDepth" not in message.encoding:
         try:
             return decode_image(message.data)

@@ -75,14 +75,14 @@ _REPUBLISH = "ros2 run image_transport republish writes images coded as video as
 
 
 def _differences(names: Sequence[str]) -> list[str]:
-    """What two names do not have in common: the numbers of their device are no sides."""
+    """Parts that two names do not have in common: the number of the device does not name a side."""
     parts = [name.split("/") for name in names[:2]]
     apart = [i for i, words in enumerate(zip(*parts, strict=False)) if len(set(words)) > 1]
     return ["/".join(words[i] for i in apart) for words in parts]
 
 
 def _is_depth(bag: Bag, topic: str) -> bool:
-    """Whether a topic holds depth, by its name or the encoding of its first image (drivers of infrared pairs send
+    """True if a topic holds depth, by its name or the encoding of its first image (drivers of infrared pairs send
     images as 16UC1, too)."""
     if _DEPTH.search(topic):
         return True
@@ -145,7 +145,7 @@ def _depth_pixels(bag: Bag, topic: str) -> Depths:
 
 
 def is_rectified(topic: str) -> bool:
-    """Whether images are rectified by the name of their topic (REP 104 and image_proc: image_rect...)."""
+    """True if images are rectified by the name of their topic (REP 104 and image_proc: image_rect...)."""
     return re.search(r"(?<![a-z])rect", topic) is not None
 
 
@@ -229,7 +229,8 @@ _REGISTERED = re.compile(r"registered|aligned|depth_to_(rgb|colou?r)", re.IGNORE
 
 
 def _is_registered(bag: Bag, names: tuple[str, str]) -> tuple[bool, tuple[str, ...]]:
-    """Whether depth lies in the image's own pixels, and what is assumed where the bag does not define it."""
+    """Check whether depth lies in the image's own pixels, with a note on what is assumed where the bag does not define
+    it."""
     if _REGISTERED.search(names[1]):
         return True, ()
     try:

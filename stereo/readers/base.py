@@ -1,4 +1,4 @@
-"""What readers share: sources of images, what is found at a path before it is opened, and its clock and calibration."""
+"""Parts that readers share: sources of images, the layout of a path before it is opened, its clock and calibration."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from stereo.recording import (
 
 
 class ItemSource(Protocol):
-    """What was decoded, in order; every index is yielded once, with or without an image."""
+    """Decoded images in order; every index is yielded once, with or without an image."""
 
     def __iter__(self) -> Iterator[Decoded]: ...
 
@@ -76,12 +76,12 @@ def together(*sources: ItemSource) -> Callable[[Sequence[int] | None], Generator
 
 
 AnyRecording = Recording[StereoPair] | Recording[DepthCamera]
-"""What a layout opens to."""
+"""Recording that a layout opens."""
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """What a reader found at a path; nothing is decoded yet but a first image of each camera.
+    """Contents that a reader found at a path; nothing is decoded yet but a first image of each camera.
 
     Attributes:
         kind: images of two cameras, images with depth, or of one camera; several of these, or plan-view maps.
@@ -260,7 +260,7 @@ def clock_of_pairs(pairs: TimePairs, options: OpenOptions) -> FrameClock:
 
 
 def clock_of_times(times_s: F64, notes: Sequence[str] = ()) -> FrameClock:
-    """Of (n,) times [s], NaN where unknown."""
+    """Clock of (n,) times [s], NaN where unknown."""
     rate = rate_of_times(times_s)
     if rate is None:
         return no_clock(ONE_TIME, *notes)

@@ -169,7 +169,7 @@ MIDDLEBURY = Reader(
 )
 
 TUM_CAMERA = Camera(640, 480, 525.0, 525.0, 319.5, 239.5)
-"""What the benchmark recommends where a sequence is not calibrated (Kinect's nominal values)."""
+"""Camera that the benchmark recommends where a sequence is not calibrated (Kinect's nominal values)."""
 _ASSOCIATIONS = ("associations.txt", "association.txt", "associate.txt", "assoc.txt", "associated.txt")
 
 

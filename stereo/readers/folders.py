@@ -137,7 +137,7 @@ def _deep_files(files: Sequence[Path]) -> list[Path]:
 
 
 def _is_deep(file: Path) -> bool:
-    """Whether an image has one channel of more than 8 bits, by its header."""
+    """True if an image has one channel of more than 8 bits, by its header."""
     with suppress(Exception), Image.open(file) as header:  # libraries raise whatever a damaged file provokes
         return header.mode.startswith(("I", "F"))
     return False

@@ -64,11 +64,11 @@ def bits_note(bits: int | None) -> tuple[str, ...]:
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".tif", ".tiff", ".webp"})
 _END_MARKERS = {b"\xff\xd8\xff": b"\xff\xd9", b"\x89PNG": b"IEND"}
 MAX_BYTES = 1 << 30
-"""Files larger than this are no camera's image, and are not read."""
+"""Size above which files are not read: no camera's image is as large."""
 
 
 def is_grey(image: U8) -> bool:
-    """Whether an image holds no colour: one channel, or three nearly equal ones that are not all the same value.
+    """True if an image holds no colour: one channel, or three nearly equal ones that are not all the same value.
 
     A uniform picture (a black first frame) decides nothing and counts as colour, which loses nothing.
     """
@@ -90,12 +90,12 @@ class Colour:
 
     @property
     def text(self) -> str:
-        """What a pixel is, for people."""
+        """Description of a pixel, for people."""
         kind = "grey" if self.is_grey else "colour"
         return kind if self.bits is None else f"{kind}, {self.bits} bits in 16"
 
     def fits(self, stored: AnyArray) -> bool:
-        """Whether stored values are those of an image."""
+        """True if stored values are those of an image."""
         return stored.dtype in (np.uint8, np.uint16) and (stored.ndim == 2 or stored.shape[2] == 3)
 
     def prepare(self, first: AnyArray) -> None:
@@ -170,7 +170,7 @@ class Images:
         self.files = files
 
     def stream(self, name: str, n_frames: int, times_s: F64 | None = None) -> Stream:
-        """What is found of this camera (see ``Stream``)."""
+        """Stream of this camera."""
         return Stream(name, self.size, n_frames, times_s, self.pixels.text, self.files)
 
     def __iter__(self) -> Iterator[Decoded]:
@@ -233,7 +233,7 @@ def read_image(file: Path, bits: int | None = None) -> U8 | None:
 
 
 def _content(file: Path) -> bytes:
-    """What a file holds. Raises UnreadableError: it cannot be opened, or is larger than any image."""
+    """Contents of a file. Raises UnreadableError: it cannot be opened, or is larger than any image."""
     if (size := file_size(file)) > MAX_BYTES:
         raise UnreadableError(f"a file of {size >> 20} MB")
     try:
@@ -254,12 +254,12 @@ _STRANGE = (
 
 
 def strange_content(data: bytes) -> str:
-    """What data that begin like no image are; empty for others."""
+    """Kind of data that begin like no image; empty for others."""
     return next((what for start, what in _STRANGE if start.match(data)), "")
 
 
 def decode_image(data: bytes) -> AnyArray:
-    """(H, W) or (H, W, 3) uint8 or uint16 BGR, turned as its EXIF orientation says. Raises UnreadableError: no such
+    """(H, W) or (H, W, 3) uint8 or uint16 BGR, turned by its EXIF orientation. Raises UnreadableError: no such
     image, or its end is cut off."""
     for start, end in _END_MARKERS.items():
         # Decoders fill the missing rest of a truncated file with grey and call it an image.

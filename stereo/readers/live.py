@@ -24,7 +24,7 @@ from stereo.recording import Decoded, FrameClock, OpenOptions
 
 _CAMERA = re.compile(r"\d{1,3}|(?:rtsps?|https?|rtmps?|udp|tcp|srt):/.*", re.IGNORECASE)
 NOMINAL_FPS = 30.0
-"""Of most cameras; the times of the frames are their own."""
+"""Rate of most cameras; the times of the frames are their own."""
 
 
 class LiveSource:

@@ -44,13 +44,13 @@ def rigs_file(path: Path) -> Path:
 
 
 def is_multi_rig(path: Path) -> bool:
-    """Whether a path is a recording of several sensors: a folder with ``rigs.toml``, or that file."""
+    """True if a path is a recording of several sensors: a folder with ``rigs.toml``, or that file."""
     return rigs_file(path).is_file()
 
 
 def sensor_folders(path: Path, calibration: Path | None = None) -> list[Path]:
-    """The recordings of several sensors; none of a path that is no such recording. Raises InputError: a calibration for
-    sensors that have their own."""
+    """The recordings of several sensors; none where the path is not such a recording. Raises InputError: a calibration
+    for sensors that have their own."""
     file = rigs_file(path)
     if not file.is_file():
         return []
@@ -65,7 +65,7 @@ READERS: tuple[base.Reader, ...] = (
 )  # fmt: skip
 """In this order: the first that a path fits opens it."""
 OF_TWO_IMAGES = tuple(reader for reader in READERS if reader not in (SIDE_BY_SIDE, LIVE))
-"""Those that do not take the video of one camera for one of two."""
+"""Readers that do not take the video of one camera for one of two."""
 
 
 def find_reader(path: Path, readers: Sequence[base.Reader] = READERS) -> base.Reader:
@@ -113,8 +113,8 @@ def _two_paths(left: Path, options: OpenOptions) -> base.Layout:
 def find_layout(
     path: Path | str, options: OpenOptions | None = None, readers: Sequence[base.Reader] = READERS
 ) -> tuple[base.Reader, base.Layout]:
-    """What is at a path; no calibration is needed yet. Raises InputError: no recording there, unreadable, or sides that
-    differ in size."""
+    """Find the reader of a path and its layout; no calibration is needed yet. Raises InputError: no recording there,
+    unreadable, or sides that differ in size."""
     path = Path(path)
     options = options or OpenOptions()
     two = base.Reader("two-paths", "two recordings of one camera each", lambda path: False, _two_paths)
@@ -238,12 +238,12 @@ class SeveralSensors:
 
     @property
     def identity(self) -> list[Any]:
-        """What decides results besides the images: cameras and times of every sensor."""
+        """Everything that decides results besides the images: cameras and times of every sensor."""
         return [[part.identity for part in self.parts], self.starts_s]
 
     @property
     def files(self) -> list[Path]:
-        """Of the images of all sensors."""
+        """Files of the images of all sensors."""
         return [file for part in self.parts for file in part.files]
 
     @property
@@ -280,7 +280,7 @@ class _Stream:
 
     @property
     def time_s(self) -> float:
-        """Of the next frame on the common clock; infinite after the last."""
+        """Time of the next frame on the common clock; infinite after the last."""
         return float("inf") if self.next is None else self.next.timestamp_s + self._start_s
 
     def take(self, period_s: float) -> Shot | None:

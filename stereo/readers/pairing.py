@@ -1,4 +1,4 @@
-"""Which image belongs to which: by the sides in their names, by numbers of files, and by times."""
+"""Pairing of images: by the sides in their names, by numbers of files, and by times."""
 
 from __future__ import annotations
 
@@ -276,7 +276,7 @@ def _nearest(of: I64, among: I64) -> I64:
 
 
 def _eras(stamps: I64, period: float) -> I64:
-    """How often the clock was set before each frame."""
+    """Number of times that the clock was set before each frame."""
     was_set = clock_is_set(np.diff(stamps) / 1e9, period / 1e9)
     return np.concatenate([[0], np.cumsum(was_set)]).astype(np.int64)[: len(stamps)]
 
@@ -298,7 +298,7 @@ def nearest_mates(images: I64, depths: I64) -> I64:
 
 
 def depth_note(mates: I64, where: str = "") -> list[str]:
-    """How many images have no depth image, and where they were searched: by their times when empty."""
+    """Note on images without a depth image; ``where`` they were searched, by their times when empty."""
     alone = int((mates < 0).sum())
     where = where or f"within {MAX_APART_S * 1e3:g} ms"
     return [f"{alone} of {len(mates)} images without a depth image {where}, skipped"] if alone else []

@@ -35,7 +35,7 @@ from stereo.rig_correction import match_corners
 
 
 class Packing(NamedTuple):
-    """Where the two views lie in a picture: stacked one above the other, else side by side."""
+    """Layout of the two views in a picture: stacked one above the other, else side by side."""
 
     stacked: bool
 
@@ -133,7 +133,7 @@ def _find(path: Path, options: OpenOptions) -> Layout:
 
 
 def _holds_photos(path: Path) -> bool:
-    """Whether a folder holds images that are wide enough for two views."""
+    """True if a folder holds images that are wide enough for two views."""
     files = image_files(path) if path.is_dir() else []
     with suppress(Exception), Image.open(files[0] if files else "") as header:  # whatever a damaged file provokes
         return len(files) > 1 and header.width >= 1.8 * header.height
@@ -151,7 +151,7 @@ def packed_layout(
     rig: Callable[[], StereoRig] | None = None,
     live: bool = False,
 ) -> Layout:
-    """How the two views share a source's pictures; the left or upper one is the left camera's.
+    """Layout of a source whose pictures show two views; the left or upper one is the left camera's.
 
     Args:
         named: the video, for messages.

@@ -1,4 +1,4 @@
-"""Where recorders write the times of frames: names of images, lists and tables. ``calib.times`` reads them."""
+"""Times of frames as recorders write them: names of images, lists and tables. ``calib.times`` reads them."""
 
 from __future__ import annotations
 
@@ -58,10 +58,10 @@ def _of_numbers(matches: Sequence[re.Match[str]]) -> Stamps | None:
         return _with_parts(np.array(wholes, dtype=np.int64), parts, matches)
     texts = [match[0] for match in matches]
     have_points = all("." in text for text in texts)
-    return _unless_counted(texts if have_points else wholes)
+    return _read_unless_counter(texts if have_points else wholes)
 
 
-def _unless_counted(texts: Sequence[str]) -> Stamps | None:
+def _read_unless_counter(texts: Sequence[str]) -> Stamps | None:
     """Times, unless whole numbers rise by one from frame to frame."""
     stamps = read_stamps("", texts)
     steps = np.diff(np.sort(stamps.ns)) / NS[stamps.unit]
@@ -91,7 +91,7 @@ def _last_number(text: str) -> str | None:
 LISTS = ("timestamps.txt", "times.txt", "timestamp.txt")
 """Names of lists with one time a line."""
 MAX_BYTES = 1 << 25
-"""Larger files are no tables of frames: half a day at 30 Hz fills this."""
+"""Size above which a file is not read as a table of frames: half a day at 30 Hz fills this."""
 _WORDS = re.compile(r"(frames?_?)?(time_?stamps?|times?|stamps?|ts)")
 _FRAME = re.compile(r"frame|(frame_?)?(id|number|no|index|idx)|seq|n")
 _TIME = re.compile(rf"(?:date_?time|timestamp|time|stamp|t)s?(?:[ _]?[\[(]?({'|'.join(UNITS)})[\])]?)?")
@@ -129,7 +129,7 @@ def read_rows(path: Path, what: str) -> list[Row]:
 
 
 class TimedRows(NamedTuple):
-    """What a list or table of times holds: the number of each frame, None where there is none, the times as they are
+    """Contents of a list or table of times: the number of each frame, None where there is none, the times as they are
     written, and their unit where the file names it."""
 
     path: Path
@@ -159,12 +159,12 @@ def timed_rows(path: Path) -> TimedRows:
 
 
 def _holds_milliseconds(cells: Sequence[str]) -> bool:
-    """Whether cells are a date and its milliseconds, as Python's logs write them with a comma between."""
+    """True if cells are a date and its milliseconds, as Python's logs write them with a comma between."""
     return len(cells) == 2 and ":" in cells[0] and cells[1].isdecimal()
 
 
 def _count_rows(rows: Sequence[Sequence[str]]) -> bool:
-    """Whether the first of several cells counts the frames: whole numbers that rise by one, but for gaps."""
+    """True if the first of several cells counts the frames: whole numbers that rise by one, but for gaps."""
     if not all(len(cells) > 1 and cells[0].isdecimal() and is_time(cells[1]) for cells in rows):
         return False
     steps = np.diff([int(cells[0]) for cells in rows])

@@ -1,4 +1,4 @@
-"""What a path holds that is no recording, and what makes one of it."""
+"""Explanations of a path that is no recording, with what makes one of it."""
 
 from __future__ import annotations
 
@@ -25,11 +25,12 @@ _WAYS = {
     "raw yuv bin y4m nv12 y16": "ffmpeg -f rawvideo -pix_fmt FORMAT -s WIDTHxHEIGHT -i IN OUT.mp4 makes a video of it",
     "npy npz h5 hdf5 mat pkl tfrecord": "write its arrays as images, into folders left and right, or rgb and depth",
 }
-"""What to do with files that are no recordings, by their endings."""
+"""Advice on files that are no recordings, by their endings."""
 
 
 def what_is_there(path: Path, recordings: Sequence[str]) -> str:
-    """What was found, and what to do; ``recordings`` are the names of what a folder holds that can be opened."""
+    """Sentence on what was found, and what to do; ``recordings`` are the names of what a folder holds that can be
+    opened."""
     if not path.is_dir():
         return _file_text(path)
     if recordings and not image_files(path):
@@ -48,7 +49,7 @@ def _file_text(path: Path) -> str:
 
 
 def inside_text(path: Path) -> str:
-    """What a folder holds that is no recording, or not that of one camera, and what to do."""
+    """Sentence on what a folder holds that is not the recording of one camera, and what to do."""
     videos = video_files(path)
     images = image_files(path)
     folders = [folder for folder in entries(path) if folder.is_dir() and image_files(folder)]
@@ -70,7 +71,7 @@ def inside_text(path: Path) -> str:
 
 
 def _kind_text(files: Sequence[Path]) -> str:
-    """What the most frequent kind of some files is."""
+    """Name of the most frequent kind of some files."""
     suffix, _ = Counter(file.suffix.lower() for file in files).most_common(1)[0]
     way = next((way for endings, way in _WAYS.items() if suffix.removeprefix(".") in endings.split()), "")
     return f"a file of the kind {suffix}: {way}" if way else f"a file of another kind: {_READ}"

@@ -58,7 +58,7 @@ class VideoFile:
         if self.raw and not self.n_frames:
             self.n_frames = len(_packets(path).times_s)
         if not found or first is None:
-            raise InputError(f"{path}: expected a video, found no frame that can be decoded: {_coded(capture)}")
+            raise InputError(f"{path}: expected a video, found no frame that can be decoded: {_code_text(capture)}")
         self.size = first.shape[1], first.shape[0]
         self.fps = fps if 0 < fps <= 1000 else math.nan
         # A header may announce the clock of its times, 1000 per second, in the place of a rate.
@@ -87,7 +87,7 @@ class VideoFile:
                     yield Decoded(lost, None, None, f"{self._path.name} cannot be decoded here")
                 index += broken
                 broken = 0
-                yield Decoded(index, self._time(capture, index), self._as_stored(image))
+                yield Decoded(index, self._time(capture, index), self._pixels(image))
                 index += 1
         finally:
             capture.release()
@@ -116,7 +116,7 @@ class VideoFile:
                 if not found or image is None:
                     return
                 position += 1
-                yield Decoded(index, self._time(capture, index), self._as_stored(image))
+                yield Decoded(index, self._time(capture, index), self._pixels(image))
         finally:
             capture.release()
 
@@ -125,7 +125,7 @@ class VideoFile:
 
     @cached_property
     def _seeks(self) -> bool:
-        """Whether a seek gives the image and time that reading in order gives, at a frame near the beginning."""
+        """True if a seek gives the image and time that reading in order gives, at a frame near the beginning."""
         ordered = _open(self._path)
         for _ in range(100):
             ordered.grab()
@@ -147,13 +147,13 @@ class VideoFile:
         seconds = (float(capture.get(cv2.CAP_PROP_POS_MSEC)) - self._start_ms) / 1000.0
         return seconds if seconds > 0.0 else index / self.fps  # some containers hold no times
 
-    def _as_stored(self, image: object) -> U8:
+    def _pixels(self, image: object) -> U8:
         pixels = np.asarray(image, dtype=np.uint8)
         return as_grey(pixels) if self._grey else pixels
 
 
 def is_depth(video: Path) -> bool:
-    """Whether a video holds depth by its name."""
+    """True if a video holds depth by its name."""
     return re.search(r"depth|disparity", video.stem, re.IGNORECASE) is not None
 
 
@@ -166,21 +166,21 @@ def _open(path: Path) -> cv2.VideoCapture:
     require_file(path, "a video")
     capture = cv2.VideoCapture(str(path))
     if not capture.isOpened():
-        raise InputError(f"{path}: expected a video, found {_unopened(path)}")
+        raise InputError(f"{path}: expected a video, found {_kind_text(path)}")
     return capture
 
 
 _REENCODE = "ffmpeg -i IN -c:v libx264 -crf 12 OUT.mp4 makes a video that is read"
 
 
-def _coded(capture: cv2.VideoCapture) -> str:
-    """What the pictures of a video that cannot be decoded are coded as, and the way out."""
+def _code_text(capture: cv2.VideoCapture) -> str:
+    """Reason why the pictures of a video are not decoded, with the way out."""
     code = int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little", signed=True).decode("latin-1").strip("\0 ")
     return f"it is coded as {code or 'unknown'}, which OpenCV does not decode here, or damaged; {_REENCODE}"
 
 
-def _unopened(path: Path) -> str:
-    """What a file is that cannot be opened as a video."""
+def _kind_text(path: Path) -> str:
+    """Kind of a file that cannot be opened as a video."""
     with path.open("rb") as file:
         head = file.read(64)
     if not head:
@@ -249,7 +249,7 @@ def _start_of(capture: cv2.VideoCapture) -> float:
 
 
 def _before_key_frame(path: Path) -> int:
-    """How many frames of H.264 or H.265 come before the first key frame: decoders leave them out."""
+    """Number of frames of H.264 or H.265 that come before the first key frame: decoders leave them out."""
     capture = _open(path)
     code = int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little", signed=True).lower()
     capture.set(cv2.CAP_PROP_FORMAT, -1)
@@ -347,7 +347,7 @@ def video_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenO
 
 
 def _streams(left: VideoFile, right: VideoFile, times_s: Sequence[F64] = ()) -> tuple[Stream, Stream]:
-    """What is found of both videos, with the times of their frames where these pair them."""
+    """Streams of both videos, with the times of their frames where these pair them."""
     streams = []
     for name, video, own_s in zip(("left", "right"), (left, right), times_s or (None, None), strict=True):
         count = video.n_frames if own_s is None else len(own_s)

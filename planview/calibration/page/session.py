@@ -326,7 +326,7 @@ def walked_in(video: Recording[SingleCamera]) -> Bool | None:
 
 
 class VideoPictures:
-    """Every frame of a video, read when it is asked for; grey where one cannot be decoded."""
+    """Every frame of a video, read on demand; grey where one cannot be decoded."""
 
     def __init__(self, video: Recording[SingleCamera]) -> None:
         def read(index: int) -> U8:

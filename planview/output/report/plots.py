@@ -92,7 +92,7 @@ def new_figure(width: float, height: float) -> tuple[Figure, Axes]:
 
 
 def plain_text(text: str) -> str:
-    """Text that matplotlib does not take for a formula, and without characters that its font has no picture of."""
+    """Text that matplotlib does not parse as a formula, without characters that its font has no picture of."""
     return "".join(c for c in text if c.isprintable() and ord(c) < 0x2000).replace("$", r"\$")
 
 

@@ -38,7 +38,8 @@ FOUND_AGAIN_M = 1.5
 FLOODED = 0.5
 """Share of foreground above which a frame measures and teaches nothing (a light was switched, the camera moved)."""
 GAMMA_SHAPE = 4.0
-"""Of the Gamma distribution of the time after which an object has left: half the mean is its deviation. Our choice."""
+"""Shape of the Gamma distribution of the time after which an object has left: half the mean is its deviation. Our
+choice."""
 
 
 class EllipseSizeParams(Params):
@@ -68,7 +69,8 @@ class ExistenceParams(Params):
     """Probability that a false measurement repeats in the same place. Our choice: legs that come into view before the
     body repeat for some frames; a person counted twice is worse than 0.2 s of delay."""
     probability: float = Field(0.8, gt=0.5, lt=1)
-    """Of being an object, above which a new one is confirmed, and of having left, above which it is pruned."""
+    """Probability of being an object, above which a new one is confirmed, and of having left, above which it is
+    pruned."""
     moving: float = Field(0.05, ge=0, lt=1)
     """Share of an object's ellipse that must move in a frame which speaks for a new object: limbs and edges of a walker
     do; where a person of the first frames has left, nothing does. Our choice."""

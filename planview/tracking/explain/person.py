@@ -154,7 +154,7 @@ class Glimpse(NamedTuple):
 
 @dataclass(eq=False)
 class Proof:
-    """Independent evidence, while a newcomer is not confirmed, that it exists and is no thing.
+    """Independent evidence, while a newcomer is not confirmed, that it exists and is a person.
 
     Attributes:
         log_odds: of existence.

@@ -388,7 +388,7 @@ def map_lacking(points: F32, low_m: F64, cell_m: float, out: F32) -> None:
 def find_fresh(pixels: I64, lacking: F32, codes: U8, view, tried_m: F32, deviations, which: I64, out: F32) -> int:  # type: ignore[no-untyped-def]
     """Find the pixels whose surface is not where it has been tried; return their number.
 
-    Forgets what has been tried where there is no surface any more.
+    Forgets what has been tried where there is no surface now.
 
     Args:
         tried_m: (H, W) ranges that have been tried; 0 for none.

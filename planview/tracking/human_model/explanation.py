@@ -60,7 +60,7 @@ class HumanModelParams(PeopleParams):
     """Assumptions about masks, bodies and walking, and how people come and go (Zhang et al. 2008; values are ours)."""
 
     map: HumanModelMapParams = HumanModelMapParams()
-    """Where people are expected."""
+    """Places where people are expected."""
     seen_on_body: float = Field(0.8, gt=0.5, lt=1)
     """pF, share of a body's pixels that are foreground."""
     seen_on_background: float = Field(0.03, gt=0, lt=0.5)
@@ -68,7 +68,7 @@ class HumanModelParams(PeopleParams):
     seen_near_people: float = Field(0.2, gt=0, lt=1)
     """The same within an arm's reach of a person: arms, shadows and what is carried."""
     hidden: float = Field(0.05, ge=0, lt=1)
-    """How probably furniture hides a pixel on the lower part of somebody who stands."""
+    """Probability that furniture hides a pixel on the lower part of somebody who stands."""
     hidden_sitting: float = Field(0.5, ge=0, lt=1)
     """The same of somebody who sits."""
     patch_m: float = Field(0.2, gt=0.01, le=1)

@@ -33,7 +33,7 @@ from planview.tracking.human_model.walker import (
 from planview.trajectories.state import TrackState
 
 WALKER_M = 2.0
-"""Way after which a person is no ghost of the background [m]."""
+"""Distance walked after which a person is not a ghost of the background [m]."""
 BOX_WIDTH = 1.35
 """Width of a person's box over the hull's: arms and stride."""
 RETURNS = 0.2
@@ -42,7 +42,7 @@ of it."""
 HIDDEN_LOG_ODDS = -3.0
 """Log-odds, before anybody has walked there, that something hides people at a pixel."""
 LIVELY = 0.01
-"""Share of a region's pixels in motion from which it is no thing: a head that turns."""
+"""Share of a region's pixels in motion from which it is a person: a head that turns."""
 
 
 class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):

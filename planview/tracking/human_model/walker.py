@@ -33,7 +33,7 @@ CORE_WIDTH = 0.7
 BANDS = 6
 """A hull is summed in this many boxes above each other: bodies lean in the images of wide lenses."""
 PLACE_STD_M = 0.5
-"""How far the place of a newcomer may be from where its residual is strongest [m]."""
+"""Standard deviation of a newcomer's place from where its residual is strongest [m]."""
 BIRTH_PX = 30.0
 BIRTH_SHARE = 0.625
 """Least height of newcomers [px], and as a share of that of people in the middle of the image, where this is less: a

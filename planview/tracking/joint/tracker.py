@@ -249,7 +249,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         self._learn_colours(owners, apart, dt_s)
 
     def _end_gone(self) -> None:
-        """Stop following people who are no longer there, or unseen for long."""
+        """Stop following people who have left or were not seen for long."""
         for person in self._people:
             left = person.glimpse.inside_share < 0.15 and person.unseen_s > body.LEAVE_S
             unmeasured_s = self._life.now_s - person.last_seen.time_s

@@ -74,12 +74,12 @@ class TemplateParams(Params):
     height_min_m: float = Field(1.2, ge=0.1, le=2.5)
     """Smallest height of a newcomer [m] (the paper: some plausible minimum): chairs reach 1.1 m."""
     confirm_s: float = Field(0.4, ge=0.0, le=60.0)
-    """How long a newcomer must be tracked without a miss before it is a person [s] (the paper: some minimum number of
-    consecutive frames)."""
+    """Time for which a newcomer must be tracked without a miss before it is a person [s] (the paper: some minimum
+    number of consecutive frames)."""
     lost_s: float = Field(4.0, ge=0.0, le=600.0)
-    """How long a lost person is looked for [s] (Harville 2002, section 4: e.g. 4)."""
+    """Time for which a lost person is searched [s] (Harville 2002, section 4: e.g. 4)."""
     reattach_m: float = Field(2.0, ge=0.0)
-    """How near to a lost person a newcomer continues that person [m] (Harville 2002, section 4: e.g. 2)."""
+    """Distance within which a newcomer continues a lost person [m] (Harville 2002, section 4: e.g. 2)."""
 
 
 @dataclass(eq=False)
@@ -301,7 +301,7 @@ class TemplateTracker(Carried):
         """Move a template that has slipped off its person to the occupancy maximum; velocity and covariance stay.
 
         The paper does so after all people are tracked. Here it is done before the person is cleared, so that people
-        tracked earlier are no maximum to move to.
+        tracked earlier are not maxima to move to.
         """
         why = self._slip(person.template_height, free.maps.grid.cell_m)
         if not why:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from calib.carried import Carried, plain, restored
+from calib.carried import Carried, plain, restore
 from calib.types import F64
 
 
@@ -48,7 +48,7 @@ class Room(Carried):
     ],
 )  # fmt: skip
 def test_value_comes_back_with_its_type(value):
-    back = restored(plain(value))
+    back = restore(plain(value))
     assert (type(back), repr(back)) == (type(value), repr(value))
 
 

@@ -45,8 +45,8 @@ def test_panning_camera_settles_when_it_stops():
     standing, stands = watched(frames)
     assert stands[:10] == [True] * 10
     assert stands[16:] == [False] * 14
-    assert not standing.settled
-    assert watched(frames + [frames[-1]] * 15)[0].settled
+    assert not standing.is_settled
+    assert watched(frames + [frames[-1]] * 15)[0].is_settled
 
 
 def test_camera_that_pans_from_the_start_stands_when_it_stops():
@@ -67,7 +67,7 @@ def test_frames_in_which_a_camera_swings_out_of_its_view_are_counted_as_shaking(
 def test_cut_is_named_after_three_seconds():
     standing, stands = watched([window(SCENE if i < 4 else OTHER) for i in range(37)])
     assert stands == [True] * 36 + [False]
-    assert standing.settled
+    assert standing.is_settled
     assert "another view at frame" in standing_checks(standing, "")[0].note
 
 

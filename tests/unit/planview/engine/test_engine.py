@@ -10,7 +10,7 @@ from toy_rgbd import CAMERA
 
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
-from calib.params import described, tables_of
+from calib.params import descriptions, tables_of
 from calib.pose import SE3
 from calib.types import F32
 from planview.engine.config import Config, FeedbackParams, config_of, load_config
@@ -99,7 +99,7 @@ def test_a_file_that_is_no_configuration_is_refused_by_name(tmp_path, content, f
 
 
 def test_every_parameter_says_what_it_means():
-    parameters = [(name, each) for name, table in tables_of(Config) for each in described(table)]
+    parameters = [(name, each) for name, table in tables_of(Config) for each in descriptions(table)]
     assert len(parameters) > 50 and [(name, p.name) for name, p in parameters if not p.meaning] == []
 
 
