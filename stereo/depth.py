@@ -120,7 +120,7 @@ class RectifiedGeometry:
         return np.asarray(np.linalg.inv(self.matrix), dtype=np.float64)
 
     def above(self, world_SE3_left: SE3, step: int = 1) -> FloorPinhole:
-        """The left camera above the floor, with its image or that of means of step x step pixels."""
+        """The left camera above the floor, its image reduced by a whole factor ``step``."""
         size = (-(-self.width // step), -(-self.height // step))
         middle = middle_px(0, step)
         reduced = np.array([[1.0, 0.0, -middle], [0.0, 1.0, -middle], [0.0, 0.0, step]]) / step

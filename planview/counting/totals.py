@@ -50,7 +50,7 @@ class Counts:
         return Counts(analytics.rules, ordered, stays, analytics.people, span, interval_s)
 
     def to_json(self) -> dict[str, Any]:
-        """The object of ``count --json`` and counts.json: ``rules`` by name, the totals per interval within."""
+        """The totals as ``count --json`` and counts.json have them: ``rules`` by name, with totals per interval."""
         rules: dict[str, Any] = {rule.name: self._wire(rule) for rule in self.rules.tripwires}
         rules |= {rule.name: self._zone(rule.name) for rule in self.rules.zones}
         for rule in (*self.rules.tripwires, *self.rules.zones):  # where it was applied, for pictures

@@ -55,7 +55,7 @@ def rows_between(table: Trajectories, first_frame: int, end_frame: int) -> tuple
 
 
 def faces_surely(person: TrackState) -> bool:
-    """True if front and back are certain enough for an arrow; they are where a table has no confidence."""
+    """True if front and back are certain enough for an arrow, as they are in a table without confidence (NaN)."""
     return not person.facing_confidence < SURE_FACING
 
 

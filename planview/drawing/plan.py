@@ -116,7 +116,7 @@ class PlanPainter:
         return int(column), int(row)
 
     def _paint_grid(self) -> None:
-        """Lines every metre, or fewer where metres are too fine; their coordinates along two sides."""
+        """Draw lines every metre, or at larger steps where the scale is small, with coordinates along two sides."""
         legible = (step for step in GRID_STEPS_M if step * self.scale >= SMALLEST_STEP_PX)
         step_m = next(legible, GRID_STEPS_M[-1])
         low_m = self._middle_m - self._size / 2 / self.scale

@@ -182,7 +182,7 @@ def _recorded_sensor(
 
 @singledispatch
 def _default_config(sensor: object, path: Path) -> Config:
-    """What parameters are changed from: those that made the plan-view maps, else the defaults."""
+    """Configuration that the given parameters change: the one that made the plan-view maps, else the defaults."""
     return Config()
 
 

@@ -62,7 +62,7 @@ def _applied(table: Trajectories, line: str, newest: int) -> Trajectories:
             values = list(map(float, words))
             if not all(0 <= value < 1e6 for value in values):
                 raise ValueError
-            return _shorter(table, *values) if kind == "shorter" else _join_gaps(table, *values)
+            return _delete_shorter(table, *values) if kind == "shorter" else _join_gaps(table, *values)
         track_id, *numbers = map(int, words)
         return _BY_ID[kind](table, track_id, newest, *numbers)
     except (KeyError, ValueError, TypeError):
@@ -108,7 +108,8 @@ _BY_ID: dict[str, Callable[..., Trajectories]] = {
 }  # fmt: skip
 
 
-def _shorter(table: Trajectories, seconds: float) -> Trajectories:
+def _delete_shorter(table: Trajectories, seconds: float) -> Trajectories:
+    """Keep the tracks that were confirmed for at least ``seconds``; all of them for 0."""
     frame_s = frame_period_s(table, 1 / 30)
     ids, frames = np.unique(table.track_id[table.state == "confirmed"], return_counts=True)
     long = ids[frames * frame_s >= seconds]

@@ -167,7 +167,7 @@ def _rewrite(run: RunFolder, steps: list[EditStep]) -> None:
         write_result(kept, tracks.read_text(encoding="utf-8"))
     write_result(run.path / EDITS, json.dumps({"steps": [step.model_dump() for step in steps]}, indent=2) + "\n")
     if steps:
-        write_result(tracks, _text(after))
+        write_result(tracks, _csv_text(after))
     else:
         with writing(tracks):
             kept.replace(tracks)
@@ -212,12 +212,12 @@ def refine_held_run(folder: Path) -> tuple[Refined, RunInfo]:
     info = run.info.model_copy(update={"refined": True, "people": people})
     write_run_info(info, folder / "run.json")
     write_result(folder / "refinement.csv", changes_csv(refined.changes))
-    write_result(tracks, _text(refined.tracks))
+    write_result(tracks, _csv_text(refined.tracks))
     write_report(folder)
     return refined, info
 
 
-def _text(tracks: Trajectories) -> str:
+def _csv_text(tracks: Trajectories) -> str:
     text = io.StringIO()
     write_table(text, tracks)
     return text.getvalue()

@@ -185,7 +185,7 @@ class DetectionTracker(_DetectionsTracker[DetectedPerson]):
             self._predict(person, dt_s)
         gains = self._gains(placed)
         matched = self._match(gains)
-        if self.detections.looked(observation.frame):
+        if self.detections.is_searched(observation.frame):
             for i, person in enumerate(self._people):
                 k = matched.get(i)
                 if k is None:
@@ -461,7 +461,7 @@ class BoxTracker(_DetectionsTracker[BoxTrack]):
         dt_s = self._life.begin(observation.timestamp_s)
         for track in self._people:
             track.predict(dt_s)
-        if self.detections.looked(observation.frame):
+        if self.detections.is_searched(observation.frame):
             boxes = self.detections.at(observation.frame)
             scores = boxes[:, 4] if self.detections.scored else np.ones(len(boxes))
             taken = self._follow(boxes, scores)

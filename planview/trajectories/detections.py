@@ -96,8 +96,8 @@ class Detections:
         """(N, 5) boxes of a frame."""
         return self.frames[frame] if 0 <= frame < len(self.frames) else np.empty((0, 5))
 
-    def looked(self, frame: int) -> bool:
-        """False where a frame without boxes does not show that nobody is there."""
+    def is_searched(self, frame: int) -> bool:
+        """True if the detector searched a frame: one that skips frames leaves those without boxes."""
         return self.step == 1 or len(self.at(frame)) > 0
 
     def of_frames(self, frames: int) -> Detections:

@@ -37,8 +37,8 @@ FRAMES = 5
 
 
 def true_bits(images: Iterable[AnyArray]) -> int | None:
-    """Bits that the values of 16-bit images use, from several, since one may be dark: the fewest that a sensor gives
-    and that hold the largest value; None when no image has more than 8 per value.
+    """Bits per value of several 16-bit images, of which some may be dark: the least usual number that holds their
+    largest value; None when no image has more than 8.
 
     Values that fill the upper bits (a 12-bit sensor's times 16) count as 16: their scale is that of 16 bits.
     """

@@ -49,7 +49,7 @@ def overlay(session: CalibrationSession, everywhere: bool = False) -> str:
 
 
 def _grid(session: CalibrationSession) -> list[F64]:
-    """Lines on the floor [px]."""
+    """Lines of the metric grid on the floor [px]."""
     found = session.solution.found
     lines = []
     if session.floor is not None and session.view is not None:

@@ -286,16 +286,16 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
                 person.identity.walk.evidence -= dt_s / p.inanimate_s
         for newcomer in newcomers:
             walked_m = newcomer.identity.walk.farthest_m
-            sure = newcomer.existence > p.report and walked_m >= p.walked_m and self._is_visible(newcomer)
+            is_certain = newcomer.existence > p.report and walked_m >= p.walked_m and self._is_visible(newcomer)
             match = matches.get(newcomer.track_id)
             if match is not None:
                 before = match.other
                 returns = RETURNS if before in self._departed else before.existence
                 log_odds = match.log_odds + math.log(returns)
-                if log_odds > 0.0 and (sure or log_odds > odds.log_odds(p.report)):
+                if log_odds > 0.0 and (is_certain or log_odds > odds.log_odds(p.report)):
                     self._continue(Match(newcomer, before, log_odds))
                     continue
-            if sure:
+            if is_certain:
                 self._confirm(newcomer, f"existence {newcomer.existence:.2f}, walked {walked_m:.2f} m")
 
     def _hull(self, person: Walker) -> F64 | None:

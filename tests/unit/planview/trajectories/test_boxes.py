@@ -175,8 +175,8 @@ def test_categories_that_count_from_0_have_people_there(tmp_path):
 def test_frames_that_a_detector_left_out_show_nothing():
     boxes = [[[10.0, 20.0, 30.0, 60.0]] if k % 3 == 0 else [] for k in range(10)]
     found = Detections.of(boxes)
-    assert [found.looked(k) for k in range(4)] == [True, False, False, True] and "every 3rd frame" in found.note
-    assert Detections.of(boxes[:1] * 4).looked(9)
+    assert [found.is_searched(k) for k in range(4)] == [True, False, False, True] and "every 3rd frame" in found.note
+    assert Detections.of(boxes[:1] * 4).is_searched(9)
 
 
 def test_detections_that_end_early_are_doubted():
