@@ -83,7 +83,7 @@ def test_images_of_two_sizes_are_refused(photos, tmp_path, refused):
 def test_images_without_a_board_are_refused_with_the_reason(tmp_path, refused):
     for name in ("left1.png", "right1.png"):
         cv2.imwrite(str(tmp_path / name), np.full((120, 160), 128, np.uint8))
-    assert "blank" in refused("calibrate", "board", tmp_path, *BOARD)
+    assert "none of 1 pairs" in refused("calibrate", "board", tmp_path, *BOARD)
     (tmp_path / "left1.png").write_bytes(b"no image")
     assert "left1.png cannot be decoded" in refused("calibrate", "board", tmp_path, *BOARD)
 
