@@ -35,21 +35,31 @@ from stereo.rig_correction import match_corners
 
 
 class Packing(NamedTuple):
-    """Layout of the two views in a picture: stacked one above the other, else side by side."""
+    """Layout of the two views in a picture: stacked one above the other, else side by side; squeezed to half along the
+    axis on which they share the picture, and stretched again."""
 
     stacked: bool
+    squeezed: bool
 
     def __str__(self) -> str:
-        return "one above the other" if self.stacked else "side by side"
+        kind = "one above the other" if self.stacked else "side by side"
+        return f"{kind}, squeezed to half" if self.squeezed else kind
 
     def size(self, picture: Size) -> Size:
-        """(width, height) of one view [px]."""
+        """(width, height) of one view as it is given [px]."""
+        return picture if self.squeezed else self.stored(picture)
+
+    def stored(self, picture: Size) -> Size:
+        """(width, height) of one view as it is stored [px]."""
         return (picture[0], picture[1] // 2) if self.stacked else (picture[0] // 2, picture[1])
 
     def split(self, picture: U8) -> tuple[U8, U8]:
         """The first (left or upper) and the second view."""
-        width, height = self.size((picture.shape[1], picture.shape[0]))
-        return np.ascontiguousarray(picture[:height, :width]), np.ascontiguousarray(picture[-height:, -width:])
+        size = picture.shape[1], picture.shape[0]
+        width, height = self.stored(size)
+        parts = picture[:height, :width], picture[-height:, -width:]
+        first, second = (cv2.resize(part, size) if self.squeezed else np.ascontiguousarray(part) for part in parts)
+        return np.asarray(first, dtype=np.uint8), np.asarray(second, dtype=np.uint8)
 
 
 FEATURES = 150
@@ -95,22 +105,26 @@ def find_packing(pictures: Sequence[U8], aspect: float | None) -> Packing | None
     fractions = [matched / max(1, corners) for corners, matched in counts]
     best = int(np.argmax(fractions))
     if counts[best][0] < 20:  # too few: what is most usual for the size
-        return candidates[0]
+        return None if candidates[0].squeezed else candidates[0]
     # Real pairs have 0.3 to 0.8 of the corners in common, halves of one picture under 0.03.
     return candidates[best] if fractions[best] >= 0.12 else None
 
 
 def _possible(picture: Size, aspect: float | None) -> list[Packing]:
-    """Packings that give views of a camera's aspect, or of a usual one."""
-    possible: list[Packing] = []
-    for packing, widest in ((Packing(stacked=False), 3.4), (Packing(stacked=True), 2.6)):
-        width, height = packing.size(picture)
-        fits = 0.9 <= width / height < widest
-        if aspect is not None:
-            fits = abs(width / height / aspect - 1.0) < 0.02
-        if fits and picture[packing.stacked] % 2 == 0:
-            possible.append(packing)
-    return possible
+    """Packings that give views of a camera's aspect, the most usual first."""
+    width, height = picture
+    usual = ((False, False, 1.2, 3.4), (True, False, 1.2, 2.6), (False, True, 1.2, 2.4), (True, True, 1.2, 2.4),
+             (False, False, 0.9, 1.2), (True, False, 0.9, 1.2))  # fmt: skip
+    found: list[Packing] = []
+    for stacked, squeezed, low, high in usual:
+        packing = Packing(stacked, squeezed)
+        w, h = packing.size(picture)
+        if height % 2 if stacked else width % 2:
+            continue
+        fits = low <= w / h < high if aspect is None else abs(w / h / aspect - 1.0) < 0.02
+        if fits and packing not in found and not any(p.stacked == stacked for p in found):
+            found.append(packing)
+    return found
 
 
 def _find(path: Path, options: OpenOptions) -> Layout:
@@ -133,7 +147,7 @@ def _find(path: Path, options: OpenOptions) -> Layout:
 
 
 def _holds_photos(path: Path) -> bool:
-    """True if a folder holds images that are wide enough for two views."""
+    """Whether a folder holds images that are wide enough for two views."""
     files = image_files(path) if path.is_dir() else []
     with suppress(Exception), Image.open(files[0] if files else "") as header:  # whatever a damaged file provokes
         return len(files) > 1 and header.width >= 1.8 * header.height
@@ -151,7 +165,7 @@ def packed_layout(
     rig: Callable[[], StereoRig] | None = None,
     live: bool = False,
 ) -> Layout:
-    """Layout of a source whose pictures show two views; the left or upper one is the left camera's.
+    """How the two views share a source's pictures; the left or upper one is the left camera's.
 
     Args:
         named: the video, for messages.
@@ -170,8 +184,11 @@ def packed_layout(
         raise _no_pair(named, source.size).about(str(named))
     size = packing.size(source.size)
     pixels = "grey" if is_grey(pictures[0]) else "colour"
-    streams = tuple(Stream(name, size, source.n_frames, None, pixels, source.files) for name in ("left", "right"))
-    notes = [f"the views lie {packing}"] if packing.stacked else []
+    streams = tuple(
+        Stream(name, packing.stored(source.size), source.n_frames, None, pixels, source.files)
+        for name in ("left", "right")
+    )
+    notes = [f"the views lie {packing}"] if packing != (False, False) else []
 
     def pairs(indices: Sequence[int] | None) -> Generator[DecodedPair, None, None]:
         with closing(together(source)(indices)) as frames:

@@ -1,3 +1,4 @@
+import cv2
 import numpy as np
 import pytest
 from toy_recordings import textured, write_frames
@@ -14,10 +15,11 @@ LEFT, RIGHT = textured(), textured(12)
 
 
 @pytest.mark.parametrize("stack", [np.hstack, np.vstack], ids=["side by side", "stacked"])
-def test_packing_is_found_from_what_the_views_share(stack):
-    picture = stack([LEFT, RIGHT])
-    found = find_packing([picture], None)
-    assert found == Packing(stack is np.vstack)
+@pytest.mark.parametrize("squeezed", [False, True])
+def test_packing_is_found_from_what_the_views_share(stack, squeezed):
+    picture = cv2.resize(stack([LEFT, RIGHT]), (W, H)) if squeezed else stack([LEFT, RIGHT])
+    found = find_packing([picture], W / H if squeezed else None)
+    assert found == Packing(stack is np.vstack, squeezed)
     assert found.size((picture.shape[1], picture.shape[0])) == (W, H)
 
 
