@@ -67,7 +67,7 @@ def plot(
 
     ```python
     planview.plot("out", truth="my_recording", out="paths.svg")
-    planview.plot(tracks, what=["density", "flow"])  # over a picture of the floor
+    planview.plot(tracks, what=["density"])  # over a picture of the floor
     ```
 
     Args:

@@ -27,8 +27,7 @@ def plot(call: Call) -> None:
 
     Example with the true paths, as vector graphics: planview plot out --truth recording/truth.csv --out paths.svg
 
-    Example of the mean density and flow of people over a picture of the floor:
-        planview plot out --what density --what flow --out flow.png
+    Example of the mean density of people over a picture of the floor: planview plot out --what density
 
     Example of two runs over each other: planview plot out/narrow out/wide --out both.png
     """

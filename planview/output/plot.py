@@ -22,7 +22,6 @@ from planview.trajectories.plot import (
     Colouring,
     plot_counts,
     plot_density,
-    plot_flow,
     plot_paths,
     plot_speed,
     plot_truth,
@@ -33,10 +32,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Panel = Literal["paths", "density", "flow", "speed", "count"]
+Panel = Literal["paths", "density", "speed", "count"]
 PANELS: tuple[Panel, ...] = ("paths", "speed", "count")
 """What is drawn where nothing else is chosen."""
-FROM_ABOVE: dict[Panel, str] = {"paths": "Seen from above", "density": "Density", "flow": "Flow"}
+FROM_ABOVE: dict[Panel, str] = {"paths": "Seen from above", "density": "Density"}
 OVER_TIME: dict[Panel, str] = {"speed": "Walking speed", "count": "People"}
 RUN_COLOURS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#e377c2", "#8c564b")
 """Of several runs, in turn."""
@@ -96,7 +95,7 @@ def figure_of(
 ) -> Figure:  # fmt: skip
     """A matplotlib figure of one run coloured by ``colour``, or of several in a colour each, over a picture of the
     floor. Raises InputError: more runs than colours, runs in metres and in pixels, tracks without any place, or density
-    or flow of several runs."""
+    of several runs."""
     _refuse_mixed(runs, panels)
     figure, places = _empty_figure(panels, _shape(runs))
     for n, run in enumerate(runs):
@@ -118,9 +117,8 @@ def _refuse_mixed(runs: Sequence[NamedTracks], panels: Sequence[Panel]) -> None:
     in_metres = {bool(np.isfinite(run.tracks.x_m).any()) for run in runs if len(run.tracks)}
     if len(in_metres) > 1:
         raise InputError("some of the runs are in metres and some in pixels; plot them one by one")
-    alone = {"density", "flow"}.intersection(panels)
-    if len(runs) > 1 and alone:
-        raise InputError(f"{' and '.join(sorted(alone))} of several runs cannot be told apart in one plot")
+    if len(runs) > 1 and "density" in panels:
+        raise InputError("density of several runs cannot be told apart in one plot")
 
 
 class _Style(NamedTuple):
@@ -151,8 +149,6 @@ def _draw_run(places: dict[Panel, Axes], run: NamedTracks, style: _Style) -> Non
         plot_paths(tracks, places["paths"], colour=style.path_colour, label=name, width=style.path_width)
     if "density" in places:
         plot_density(tracks, places["density"])
-    if "flow" in places:
-        plot_flow(tracks, places["flow"])
     if "speed" in places:
         plot_speed(tracks, places["speed"], colour=style.speed_colour, label=style.speed_label)
     if "count" in places:

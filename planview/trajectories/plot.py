@@ -126,8 +126,7 @@ def _draw_times(axes: Axes, path: F64, person: _Rows, times_s: F64) -> None:
 
 DENSITY_CELL_M = 0.1
 DENSITY_BLUR_M = 0.3
-FLOW_CELL_M = 0.5
-"""Cells of densities and of flows, and the deviation of the Gaussian that stands for a person's room [m]."""
+"""Cells of densities, and the deviation of the Gaussian that stands for a person's room [m]."""
 
 
 def plot_density(tracks: Trajectories, axes: Axes) -> Axes:
@@ -135,57 +134,21 @@ def plot_density(tracks: Trajectories, axes: Axes) -> Axes:
     the floor."""
     from scipy.ndimage import gaussian_filter
 
-    people = _rows_on_floor(tracks)
-    if len(people.place):
-        x, y = _edges(people.place, DENSITY_CELL_M)
-        density = _mean_per_m2(people.place, x, y, np.ones(len(people.place)), tracks)
-        density = gaussian_filter(density, DENSITY_BLUR_M / DENSITY_CELL_M)
-        shades = axes.pcolormesh(x, y, np.ma.masked_less(density, 0.04 * density.max()), cmap="inferno", alpha=0.75)
-        _add_bar(axes, shades, "people per m²")
-    return _floor_axes(axes, "m")
-
-
-def plot_flow(tracks: Trajectories, axes: Axes) -> Axes:
-    """Draw the specific flow seen from above: density times mean velocity, in people per metre and second, as arrows.
-    Raises InputError: no positions on the floor."""
-    people = _rows_on_floor(tracks)
-    if len(people.place):
-        x, y = _edges(people.place, FLOW_CELL_M)
-        velocity = np.nan_to_num(people.velocity)
-        flow_x = _mean_per_m2(people.place, x, y, velocity[:, 0], tracks)
-        flow_y = _mean_per_m2(people.place, x, y, velocity[:, 1], tracks)
-        flow = np.hypot(flow_x, flow_y)
-        is_shown = flow > 0.02 * flow.max()
-        middle_x, middle_y = np.meshgrid(x[:-1] + FLOW_CELL_M / 2, y[:-1] + FLOW_CELL_M / 2)
-        strength = flow[is_shown]
-        arrows = axes.quiver(
-            middle_x[is_shown], middle_y[is_shown], flow_x[is_shown] / strength, flow_y[is_shown] / strength, strength,
-            cmap="viridis", pivot="mid", scale=2.5, scale_units="x",
-        )  # fmt: skip
-        _add_bar(axes, arrows, "people per metre and second")
-    return _floor_axes(axes, "m")
-
-
-def _rows_on_floor(tracks: Trajectories) -> _Rows:
-    """Rows of people who were seen on the floor."""
     rows, unit = _rows_of_people(tracks)
     if unit != "m":
         raise InputError("expected trajectories on the floor, found none")
-    return rows.where(rows.is_seen)
-
-
-def _edges(places_m: F64, cell_m: float) -> tuple[F64, F64]:
-    """The edges of cells around places, along x and along y [m]."""
-    low = places_m.min(axis=0) - 1.0
-    high = places_m.max(axis=0) + 1.0 + cell_m
-    return np.arange(low[0], high[0], cell_m), np.arange(low[1], high[1], cell_m)
-
-
-def _mean_per_m2(places_m: F64, x: F64, y: F64, weights: F64, tracks: Trajectories) -> F64:
-    """(rows, columns) mean sum of weights per square metre over the frames from the first row to the last."""
-    sums, _, _ = np.histogram2d(places_m[:, 1], places_m[:, 0], bins=[y, x], weights=weights)
-    frames = int(np.ptp(tracks.frame)) // frame_step(np.unique(tracks.frame)) + 1
-    return np.asarray(sums / (frames * (x[1] - x[0]) * (y[1] - y[0])))
+    places_m = rows.where(rows.is_seen).place
+    if len(places_m):
+        low = places_m.min(axis=0) - 1.0
+        high = places_m.max(axis=0) + 1.0 + DENSITY_CELL_M
+        x = np.arange(low[0], high[0], DENSITY_CELL_M)
+        y = np.arange(low[1], high[1], DENSITY_CELL_M)
+        rows_per_cell, _, _ = np.histogram2d(places_m[:, 1], places_m[:, 0], bins=[y, x])
+        frames = int(np.ptp(tracks.frame)) // frame_step(np.unique(tracks.frame)) + 1
+        density = gaussian_filter(rows_per_cell / (frames * DENSITY_CELL_M**2), DENSITY_BLUR_M / DENSITY_CELL_M)
+        shades = axes.pcolormesh(x, y, np.ma.masked_less(density, 0.04 * density.max()), cmap="inferno", alpha=0.75)
+        _add_bar(axes, shades, "people per m²")
+    return _floor_axes(axes, "m")
 
 
 def _add_bar(axes: Axes, shades: ScalarMappable, label: str) -> None:

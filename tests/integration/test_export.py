@@ -151,7 +151,7 @@ def test_every_command_takes_tracks_of_nobody(command, succeed, tmp_path):
     words = {
         "count": ("count", nobody, "--rules", rules),
         "plot": ("plot", nobody),
-        "density": ("plot", nobody, "--what", "density", "--what", "flow"),
+        "density": ("plot", nobody, "--what", "density"),
         "evaluate": ("evaluate", nobody, nobody),
     }
     succeed(*words[command])

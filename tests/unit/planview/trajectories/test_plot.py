@@ -15,7 +15,6 @@ from planview.trajectories.plot import (
     NAMED_MAX,
     plot_counts,
     plot_density,
-    plot_flow,
     plot_paths,
     plot_speed,
 )
@@ -93,13 +92,6 @@ def test_counts_are_people_in_every_frame():
 def test_density_of_a_person_who_is_always_there_adds_up_to_one():
     mesh = plot_density(walkers(people=2), axes()).collections[0]
     assert np.ma.getdata(mesh.get_array()).sum() * DENSITY_CELL_M**2 == pytest.approx(2.0, abs=0.02)
-
-
-def test_flow_is_density_times_velocity_the_way_people_walk():
-    arrows = plot_flow(walkers(frames=100), axes()).collections[0]
-    # A person is in one of ten cells for a tenth of the time: 0.1 / 0.25 m² x 1.5 m/s.
-    assert arrows.get_array().max() == pytest.approx(0.6, rel=0.15)
-    assert pytest.approx(0.0, abs=1e-9) == arrows.U and (arrows.V > 0.99).all()
 
 
 def test_density_of_several_runs_is_refused():
