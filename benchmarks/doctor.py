@@ -87,8 +87,6 @@ def pair_faults(rig: StereoRig) -> list[Fault]:
         Fault("the images of one camera are shifted up or down", shifted, with_rig(ideal)),
         Fault("the pose of the right camera is inverted", sensor=with_rig(replace(rig, right_SE3_left=inverted))),
         Fault("the calibration is that of images twice the size", sensor=sized(2.0)),
-        Fault("the calibration is that of images 1.5 times the size", sensor=sized(1.5)),
-        Fault("the calibration is that of images two thirds of the size", sensor=sized(2 / 3)),
         Fault("the calibration is that of images half the size", sensor=sized(0.5)),
         Fault("the baseline is in millimetres", sensor=apart(1000.0)),
         Fault("the baseline is in centimetres", sensor=apart(100.0)),
@@ -133,7 +131,6 @@ def depth_faults(sensor: DepthCamera) -> list[Fault]:
         Fault("depth is measured along the ray", depth(lambda values: values * ray)),
         Fault("depth is inverse depth or disparity", depth(inverse)),
         Fault("depth is mirrored against its image", depth(np.fliplr)),
-        Fault("depth is turned by 180 degrees against its image", depth(upside_down)),
         Fault(
             "depth is not registered to its image but offset from it",
             depth(lambda values: np.roll(values, -round(0.04 * values.shape[1]), axis=1)),

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -61,19 +61,19 @@ def fold_radius(camera: Camera) -> float:
     return float(radius[back[0]]) if back.size else math.inf
 
 
-def border_rays(camera: Camera, samples: int = 33) -> F64:
-    """(4, samples, 3) float64 rays at unit z through the left, right, top and bottom edge of an image; where the lens
-    model has no inverse, the outermost ray that it has in that direction."""
+BORDER_RAYS = 33
+"""Along each edge of an image."""
+
+
+def border_rays(camera: Camera) -> F64:
+    """(4, BORDER_RAYS, 3) float64 rays at unit z through the left, right, top and bottom edge of an image; where the
+    lens model has no inverse, the outermost ray that it has in that direction."""
     right = camera.width - 0.5
     bottom = camera.height - 0.5
-    edges = np.empty((4, samples, 2))
-    edges[:2, :, 1] = np.linspace(-0.5, bottom, samples)
-    edges[2:, :, 0] = np.linspace(-0.5, right, samples)
-    edges[0, :, 0] = -0.5
-    edges[1, :, 0] = right
-    edges[2, :, 1] = -0.5
-    edges[3, :, 1] = bottom
-    pixels: F64 = edges.reshape(-1, 2)
+    across = np.linspace(-0.5, right, BORDER_RAYS)
+    down = np.linspace(-0.5, bottom, BORDER_RAYS)
+    edges: Any = [(-0.5, down), (right, down), (across, -0.5), (across, bottom)]
+    pixels: F64 = np.concatenate([np.column_stack(np.broadcast_arrays(u, v)) for u, v in edges])
     limit = min(fold_radius(camera), MAX_RAY_TAN)
     rays = camera.unproject(pixels)
     good = np.isfinite(rays).all(axis=1) & (np.hypot(rays[:, 0], rays[:, 1]) <= limit)
@@ -83,7 +83,7 @@ def border_rays(camera: Camera, samples: int = 33) -> F64:
     towards *= limit / np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-9)
     rays[~good, :2] = towards[~good]
     rays[~good, 2] = 1.0
-    return rays.reshape(4, samples, 3)
+    return rays.reshape(4, BORDER_RAYS, 3)
 
 
 def ideal_pinhole(

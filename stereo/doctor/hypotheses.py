@@ -95,8 +95,6 @@ PAIRS = (
     Hypothesis("the images are rectified already", "give the calibration of the rectified images", _rig(rectified_rig)),
     Hypothesis("the pose of the right camera is inverted", "store right_SE3_left, not left_SE3_right", _rig(_invert)),
     Hypothesis("the calibration is that of images twice the size", SCALED, _rig(_of_images(2.0))),
-    Hypothesis("the calibration is that of images 1.5 times the size", SCALED, _rig(_of_images(1.5))),
-    Hypothesis("the calibration is that of images two thirds of the size", SCALED, _rig(_of_images(2 / 3))),
     Hypothesis("the calibration is that of images half the size", SCALED, _rig(_of_images(0.5))),
 )
 """Hypotheses about the images and the calibration of a pair: rows show them."""
@@ -176,11 +174,6 @@ def _registration(size: float) -> Hypothesis[Overlay]:
 PLACES = (
     Hypothesis[Overlay](
         "depth is mirrored against its image", AS_TAKEN, lambda overlay: overlay.lay(lambda depth: depth[:, ::-1])
-    ),
-    Hypothesis[Overlay](
-        "depth is turned by 180 degrees against its image",
-        AS_TAKEN,
-        lambda overlay: overlay.lay(lambda depth: depth[::-1, ::-1]),
     ),
     *(_registration(size) for size in (0.72, 0.84, 0.92, 1.09, 1.19, 1.39)),
 )

@@ -111,20 +111,19 @@ def find_packing(pictures: Sequence[U8], aspect: float | None) -> Packing | None
 
 
 def _possible(picture: Size, aspect: float | None) -> list[Packing]:
-    """Packings that give views of a camera's aspect, the most usual first."""
-    width, height = picture
-    usual = ((False, False, 1.2, 3.4), (True, False, 1.2, 2.6), (False, True, 1.2, 2.4), (True, True, 1.2, 2.4),
-             (False, False, 0.9, 1.2), (True, False, 0.9, 1.2))  # fmt: skip
-    found: list[Packing] = []
-    for stacked, squeezed, low, high in usual:
-        packing = Packing(stacked, squeezed)
-        w, h = packing.size(picture)
-        if height % 2 if stacked else width % 2:
-            continue
-        fits = low <= w / h < high if aspect is None else abs(w / h / aspect - 1.0) < 0.02
-        if fits and packing not in found and not any(p.stacked == stacked for p in found):
-            found.append(packing)
-    return found
+    """Packings that give views of a camera's aspect, or of a usual one."""
+    possible: list[Packing] = []
+    for stacked, widest in ((False, 3.4), (True, 2.6)):
+        for squeezed in (False, True):
+            packing = Packing(stacked, squeezed)
+            width, height = packing.size(picture)
+            fits = 0.9 <= width / height < widest
+            if aspect is not None:
+                fits = abs(width / height / aspect - 1.0) < 0.02
+            if fits and picture[stacked] % 2 == 0:
+                possible.append(packing)
+                break
+    return possible
 
 
 def _find(path: Path, options: OpenOptions) -> Layout:
@@ -175,7 +174,7 @@ def packed_layout(
         live: see ``stereo_layout``.
     """
     calibration = options.calibration or folder
-    aspect: float | None = None
+    aspect = None
     with suppress(InputError):
         one = load_rig(calibration).left
         aspect = one.width / one.height
