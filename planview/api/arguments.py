@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from pydantic import ValidationError
 
@@ -16,7 +16,8 @@ from calib.io import parse_size
 from calib.params import Params, first_problem
 from planview.engine.config import Config, config_of, load_config
 from planview.output.run_folder import RunFolder
-from planview.trajectories.formats import load_tracks, tracks_file
+from planview.trajectories.file import TrajectoryFile
+from planview.trajectories.formats import load_file, tracks_file
 from planview.trajectories.identities import judge_ids
 from planview.trajectories.table import Trajectories
 from stereo.readers import OpenOptions
@@ -41,13 +42,10 @@ def frame_span(frames: Frames) -> tuple[int, int]:
     try:
         if isinstance(frames, tuple):
             first, last = map(int, frames)
-        elif isinstance(frames, str) and ":" in frames:
-            begin, _, end = frames.partition(":")
-            first = int(begin or 0)
-            last = int(end)
         else:
-            first = 0
-            last = int(frames) - 1
+            begin, colon, end = str(frames).partition(":")
+            first = int(begin or 0) if colon else 0
+            last = int(end) if colon else int(begin) - 1
     except (TypeError, ValueError):
         problem = f"expected FIRST:LAST or N, e.g. 0:399 or 400, found {frames!r}"
         raise InputError(problem, argument="frames") from None
@@ -113,12 +111,20 @@ def table_of(tracks: Trajectories | DataFrame) -> Trajectories:
     return table
 
 
-def read_or_given(tracks: Trajectories | DataFrame | Path | str) -> tuple[Trajectories, RunFolder | None]:
-    """Tracks, and the run that wrote them where they are in its folder."""
+class GivenTracks(NamedTuple):
+    """Tracks as they were given: what they hold, their file, and the run that wrote them; None for a table."""
+
+    file: TrajectoryFile
+    path: Path | None = None
+    run: RunFolder | None = None
+
+
+def given_tracks(tracks: Trajectories | DataFrame | Path | str) -> GivenTracks:
+    """Tracks from a table, a file or the folder of a run. Raises InputError: none of these."""
     if not isinstance(tracks, Path | str):
-        return table_of(tracks), None
+        return GivenTracks(TrajectoryFile(table_of(tracks)))
     path = tracks_file(Path(tracks))
-    return load_tracks(path), RunFolder.around(path)
+    return GivenTracks(load_file(path), path, RunFolder.around(path))
 
 
 @contextmanager

@@ -130,7 +130,6 @@ def board(
         "held_out_px": {lens.name: lens.held_out_px for lens in found.lenses},
         "coverage": {side: found.coverage_share(side) for side in SIDES},
         "views": views,
-        "std": found.std,
     }
     return Result(found, values, views, files)
 

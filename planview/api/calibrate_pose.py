@@ -13,13 +13,14 @@ import numpy as np
 from calib.errors import InputError, WorkError
 from calib.ground_camera import LENS_K_320, save_ground_camera
 from calib.images import write_image
+from calib.io import size_text
 from calib.people.calibration import HumanCalibration, calibrate_from_people
 from calib.people.model import KnownValues
 from calib.people.samples import read_image_size, read_samples, refuse_bad_samples, write_samples
 from calib.pose import SE3
 from calib.rig import Floor
 from calib.types import F64
-from calib.world import load_world, save_world
+from calib.world import save_world
 from planview.api.arguments import Settings, in_range, one_of, path_of, settings, size_of
 from planview.api.result import Result, plain_values
 from planview.calibration.floor import FloorDepths, floor_from_tracks, parse_points
@@ -64,7 +65,7 @@ def floor(
         points: Three or more floor points instead: u,v pixels of the rectified left image (their depth is looked up),
             or x,y,z metres in the rectified left camera (x right, y down, z forward). In Python also an array, a row
             per point.
-        tracks: tracks.csv of a run on this recording: refine its floor (run.json or world.toml) by where people's feet
+        tracks: tracks.csv of a run on this recording: refine its floor by where people's feet
             and heads are, for floors that are hidden or without texture.
         calibration: Calibration of the pair, if it is not in the recording.
         frames: How many frames to look at, spread over the recording; analysis.setup_frames when not given.
@@ -117,16 +118,12 @@ def floor(
 
 
 def _floor_of_run(recording: Recording[StereoPair | DepthCamera], tracks: Path) -> Floor:
-    """The floor those tracks were made with: the recording's world.toml, else the one in run.json."""
+    """The floor those tracks were made with: that of the recording, else the one in run.json."""
     if recording.sensor.world_SE3_left is not None:
         return Floor(recording.sensor.world_SE3_left)
-    world = tracks.with_name("world.toml")
-    if world.is_file():
-        return load_world(world)
     floor = RunFolder(tracks.parent).info.floor
     if floor is None or floor.world_SE3_left is None:
-        run = tracks.with_name("run.json")
-        raise InputError(f"{run}: no run.json or world.toml gives the floor of that run")
+        raise InputError(f"{tracks.with_name('run.json')}: expected the floor of that run, found none")
     return Floor(SE3.from_matrix(floor.world_SE3_left))
 
 
@@ -244,8 +241,9 @@ def _size(
     if not known:
         problem = "expected WxH, the size of the image in which the samples were marked, found none"
         raise InputError(problem, argument="image_size")
-    (first, (width, height)), *others = known
-    for source, (w, h) in others:
-        if (w, h) != (width, height):
-            raise InputError(f"{first}: expected the image size of {source}, {w}x{h}, found {width}x{height}")
-    return width, height
+    (first, size), *others = known
+    for source, other in others:
+        if other != size:
+            sizes = f"{size_text(other)}, found {size_text(size)}"
+            raise InputError(f"{first}: expected the image size of {source}, {sizes}")
+    return size

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import singledispatch
 from pathlib import Path
 
 from calib.io import parse_length
 from calib.rig import save_rig
 from planview.api.arguments import Settings, in_range, opening, path_of, settings
 from planview.api.contents import Contents, contents_of
-from planview.api.result import Result, plural, table_text
+from planview.api.result import Result, table_text
 from planview.checks.check import Check
 from planview.checks.examine import Diagnosis, examine
 from planview.checks.pictures import write_pictures
 from planview.engine.setup import floor_search
-from stereo.floor import PairFrames
+from stereo.floor import DepthFrames, PairFrames
 
 
 def check(
@@ -74,12 +73,16 @@ def check(
         values = found.values | {"missing": [str(error) for error in found.missing]}
         return Result(found, values, found.cameras, ok=not found.missing)
     in_range("frames", frames, 4, 2000)
-    height_m = None if person_height is None else _height(str(person_height))
+    height_m = person_height
+    if isinstance(height_m, str):
+        height_m = parse_length(height_m, "person_height=")
+    if height_m is not None:
+        in_range("person_height", height_m, 0.5, 2.5, " m")
     search = floor_search(settings(config))
     diagnosis = examine(path, options, frames=frames, person_height_m=height_m, search=search)
     checks = diagnosis.checks
     rows = [check.to_json() for check in checks]
-    correction = _correction(diagnosis.seen, path_of(corrected_rig))
+    correction = _correct(diagnosis.seen, path_of(corrected_rig))
     ok = not any(check.failed for check in checks)
     files = [] if out is None else _write_pictures(diagnosis, Path(out))
     text = "\n".join([*verdict(checks), _table(checks)])
@@ -94,28 +97,21 @@ def _write_pictures(diagnosis: Diagnosis, folder: Path) -> list[Path]:
     return files
 
 
-@singledispatch
-def _correction(seen: object, file: Path | None) -> str:
+def _correct(seen: PairFrames | DepthFrames | None, file: Path | None) -> str:
     """The correction of the calibration by the recording, in words, written to the file; empty where it fits."""
-    return ""
-
-
-@_correction.register
-def _correction_of_pair(seen: PairFrames, file: Path | None) -> str:
-    correction = seen.correction
-    if not correction.is_applied.any():
+    if not isinstance(seen, PairFrames) or not seen.correction.is_applied.any():
         return ""
     if file is not None:
-        rig = correction(seen.plain.rig)
-        save_rig(replace(rig, source=f"{rig.source}, {correction}"), file)
-    return str(correction)
+        rig = seen.correction(seen.plain.rig)
+        save_rig(replace(rig, source=f"{rig.source}, {seen.correction}"), file)
+    return str(seen.correction)
 
 
 def verdict(checks: Sequence[Check]) -> list[str]:
     """Whether results can be trusted, then a sentence on each check beyond its limit, failures first."""
     failed = [check for check in checks if check.failed]
     warned = [check for check in checks if not check.ok and check.warns]
-    warnings = plural(len(warned), "warning")
+    warnings = f"{len(warned)} warning{'s' * (len(warned) > 1)}"
     lines = [*(f"failed: {c.sentence}" for c in failed), *(f"warning: {c.sentence}" for c in warned)]
     if failed:
         also = f" and {warnings}" if warned else ""
@@ -140,10 +136,3 @@ def _table(checks: Sequence[Check]) -> str:
         cells = {"": mark, "check": check.name, "value": value, "limit": check.limit_text, "meaning": check.note}
         rows.append(cells)
     return table_text(rows)
-
-
-def _height(text: str) -> float:
-    bare = text.strip().replace(".", "", 1).isdigit()
-    height = parse_length(f"{text}m" if bare else text, "person_height=")
-    in_range("person_height", height, 0.5, 2.5, " m")
-    return height

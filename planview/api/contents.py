@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from calib.errors import InputError
 from calib.times import Rate, rate_of_times
+from planview.api.result import plain_values
 from stereo.readers import OpenOptions, find_layout
 from stereo.readers.base import AnyRecording
 from stereo.readers.images import Stream
@@ -69,7 +70,7 @@ def _contents(path: Path, options: OpenOptions) -> Contents:
         "unpaired": layout.unpaired,
         "fps": fps,
         "duration_s": max(durations, default=fps and layout.n_frames / fps),
-        "size": list(layout.streams[0].size if opened is None else opened.sensor.camera.size),  # halves are stretched
+        "size": layout.streams[0].size if opened is None else opened.sensor.camera.size,  # halves are stretched
         "calibration": None if opened is None else _calibration(opened),
         "floor": "world.toml" if has_world else "to be found in the recording",
         "notes": list(layout.notes if opened is None else opened.notes),
@@ -95,5 +96,4 @@ def _camera(stream: Stream, nominal_fps: float | None) -> dict[str, Any]:
     rate = dict.fromkeys(field.name for field in fields(Rate)) | {"fps": nominal_fps}
     if measured is not None:
         rate = asdict(measured)
-    size = list(stream.size)
-    return {"name": stream.name, "size": size, "frames": stream.n_frames, "pixels": stream.pixels, **rate}
+    return plain_values(stream, "name", "size", "pixels") | {"frames": stream.n_frames, **rate}

@@ -8,7 +8,7 @@ import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from textwrap import wrap
+from textwrap import TextWrapper
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from calib.errors import printable
@@ -106,16 +106,10 @@ def aligned(rows: Iterable[Sequence[str]]) -> str:
     table = [*rows]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)][:-1]
     left = sum(widths) + 2 * len(widths)
-    room = max(20, shutil.get_terminal_size().columns - left)
+    wrapper = TextWrapper(break_long_words=False, break_on_hyphens=False, subsequent_indent=" " * left)
+    wrapper.width = max(left + 20, shutil.get_terminal_size().columns)
     lines = []
     for *cells, last in table:
-        first, *others = wrap(last, room, break_long_words=False, break_on_hyphens=False) or [""]
-        start = "".join(f"{cell:{width}}  " for cell, width in zip(cells, widths, strict=True))
-        lines.append(f"{start}{first}".rstrip())
-        lines += [" " * left + other for other in others]
+        wrapper.initial_indent = "".join(f"{cell:{width}}  " for cell, width in zip(cells, widths, strict=True))
+        lines.append((wrapper.fill(last) or wrapper.initial_indent).rstrip())
     return "\n".join(lines)
-
-
-def plural(count: int, noun: str) -> str:
-    """ "1 run", "2 runs"."""
-    return f"{count} {noun}{'s' * (count != 1)}"

@@ -5,16 +5,16 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, cast, get_args
+from typing import TYPE_CHECKING, get_args
 
 from calib.errors import InputError
-from planview.api.arguments import Frames, frame_span, in_range, log_errors_only, one_of, path_of, table_of
+from planview.api.arguments import Frames, frame_span, given_tracks, in_range, log_errors_only, one_of, path_of
 from planview.api.result import Result, table_text
 from planview.output.plot import PANELS, NamedTracks, Panel, figure_of, floor_picture, save_figure
 from planview.output.report.page import differing_settings, write_report
 from planview.output.run_folder import RunFolder
 from planview.progress import Progress, unseen
-from planview.trajectories.formats import load_tracks, load_truth, tracks_file, truth_file
+from planview.trajectories.formats import load_truth, tracks_file, truth_file
 from planview.trajectories.plot import Colouring
 from planview.trajectories.table import Trajectories
 
@@ -85,18 +85,17 @@ def plot(
     """
     if not runs:
         raise InputError("plot needs the folder of a run")
-    panels: Sequence[Panel] = (cast(Panel, what),) if isinstance(what, str) else what
     one_of("colour", colour, get_args(Colouring))
-    for panel in panels:
+    for panel in what:
         one_of("what", panel, get_args(Panel))
-    short = [_name(run, n) for n, run in enumerate(runs, 1)]
+    given = [given_tracks(run) for run in runs]
+    short = [_name(tracks.path, n) for n, tracks in enumerate(given, 1)]
     names = short if len(set(short)) == len(short) else [str(run) for run in runs]
-    tables = [load_tracks(tracks_file(Path(run))) if isinstance(run, Path | str) else table_of(run) for run in runs]
-    tracks = [NamedTracks(name, table) for name, table in zip(names, tables, strict=True)]
+    tables = [NamedTracks(name, tracks.file.table) for name, tracks in zip(names, given, strict=True)]
     known = None if truth is None else load_truth(truth_file(Path(truth)) or Path(truth))
-    folder = RunFolder.around(tracks_file(Path(runs[0]))) if isinstance(runs[0], Path | str) else None
-    floor = floor_picture(folder) if folder is not None and len(runs) == 1 and panels else None
-    figure = figure_of(tracks, known, colour, panels or PANELS, floor)
+    folder = given[0].run
+    floor = floor_picture(folder) if folder and len(runs) == 1 and what else None
+    figure = figure_of(tables, known, colour, what or PANELS, floor)
     if path := plot_file(*runs, out=path_of(out)):
         save_figure(figure, path)
     return figure
@@ -108,11 +107,10 @@ def plot_file(*runs: object, out: Path | None) -> Path | None:
     return out or (tracks_file(Path(first)).parent / "plot.png" if isinstance(first, Path | str) else None)
 
 
-def _name(run: object, number: int) -> str:
-    if not isinstance(run, Path | str):
+def _name(path: Path | None, number: int) -> str:
+    if path is None:
         return f"tracks {number}"
-    file = tracks_file(Path(run))
-    return file.parent.resolve().name if file.name == "tracks.csv" else file.stem
+    return path.parent.resolve().name if path.name == "tracks.csv" else path.stem
 
 
 def render(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import get_args
 
@@ -131,7 +131,9 @@ def run(
     if isinstance(recording, Engine):
         opened = {"right": right, "calibration": calibration, "topics": topics, "fps": fps, "detections": detections,
                   "matcher": matcher, "config": config}  # fmt: skip
-        _refuse_opened(opened)
+        given = [name for name, value in opened.items() if value is not None]
+        if given:
+            raise InputError(f"an engine has its own {' and '.join(given)}: give them to open_engine")
         spec.refuse_folder()
         engine = recording
     else:
@@ -148,12 +150,6 @@ def run(
     viewer = LiveViewer() if view is True else view or None
     with log_errors_only(quiet):
         return track(engine, spec, watch, progress, viewer)
-
-
-def _refuse_opened(arguments: Mapping[str, object]) -> None:
-    given = [name for name, value in arguments.items() if value is not None]
-    if given:
-        raise InputError(f"an engine has its own {' and '.join(given)}: give them to open_engine")
 
 
 def is_of_one_camera(calibration: Path | str | None, tracker: AnyTracker, detections: bool = False) -> bool:

@@ -12,29 +12,20 @@ from typing import TYPE_CHECKING, Any
 
 from calib.errors import InputError
 from calib.formats.one_camera import load_one_camera
-from calib.io import expecting, missing, require_file
-from planview.api.arguments import Frames, checked, frame_span, path_of, read_or_given, table_of
+from calib.io import missing
+from planview.api.arguments import Frames, checked, frame_span, given_tracks, in_range, path_of, table_of
 from planview.counting import rules as rules_files
-from planview.counting.events import Event, read_events, write_event_header, write_event_rows
+from planview.counting.events import Event, is_events, read_events, write_event_header, write_event_rows
 from planview.counting.rules import AnalyticsParams, RulePlane, Rules, stereo_plane
-from planview.counting.totals import count_tracks, count_truth, score_counts, score_events
+from planview.counting.totals import count_tracks, count_truth, score_counts, score_events, totals_table
 from planview.evaluation.evaluate import EvaluationParams, evaluate_named
 from planview.evaluation.result import Evaluation, pool
 from planview.output.folder import folder_lock, unfinished_note, write_result
 from planview.output.run_folder import RunFolder
 from planview.trajectories.boxes import refuse_outside
 from planview.trajectories.clock import Clock
-from planview.trajectories.file import TrajectoryFile, limit, warn_of
-from planview.trajectories.formats import (
-    FilePair,
-    file_pairs,
-    load_file,
-    load_truth,
-    sequence_rate,
-    sequence_size,
-    tracks_file,
-    truth_file,
-)
+from planview.trajectories.file import limit, warn_of
+from planview.trajectories.formats import file_pairs, load_truth, sequence_rate, sequence_size, truth_file
 from planview.trajectories.table import Trajectories
 
 if TYPE_CHECKING:
@@ -83,30 +74,24 @@ def evaluate(
         InputError: a file that cannot be read, or rows without what the matching needs.
         WorkError: no alignment is possible.
     """
-    run = RunFolder.around(Path(tracks)) if isinstance(tracks, Path | str) else None
     params = checked(
         EvaluationParams,
         gate_m=gate,
         match_on="boxes" if boxes else "floor",
         min_visible=min_visible,
         align=align,
-        fps=fps or (run and run.info.fps) or 30.0,
+        fps=fps or 30.0,
     )
     span = None if frames is None else frame_span(frames)
     if isinstance(tracks, Path | str) and isinstance(truth, Path | str | None):
-        found = Path(tracks)
-        pairs = file_pairs(found, truth_of(found) if truth is None else Path(truth))
-        results = {pair.name: _evaluate_pair(pair, params, span, fps is not None) for pair in pairs}
+        path = Path(tracks)
+        pairs = file_pairs(path, truth_of(path) if truth is None else Path(truth))
+        results = {pair.name: _score(pair.tracks, pair.truth, params, span, fps is not None) for pair in pairs}
         first, *others = results.values()
         return replace(pool([first, *others]), recordings=results) if others else first
-    rows, run = read_or_given(tracks)
-    if run:
-        rows = run.tracks
     if truth is None:
         raise InputError("expected a truth for tracks that are not those of a run's folder, found None")
-    if isinstance(truth, Path | str):
-        truth = load_truth(truth_file(Path(truth)) or Path(truth), rows)
-    return evaluate_named(rows, table_of(truth), params, span, ("the tracks", "the truth"))
+    return _score(tracks, truth, params, span, fps is not None)
 
 
 def truth_of(tracks: Path) -> Path:
@@ -121,22 +106,33 @@ def truth_of(tracks: Path) -> Path:
     return run.truth_file
 
 
-def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, int] | None, rated: bool) -> Evaluation:
-    if not rated and (rate := sequence_rate(pair.truth)) is not None:
+def _score(
+    tracks: Trajectories | DataFrame | Path | str,
+    truth: Trajectories | DataFrame | Path | str,
+    params: EvaluationParams,
+    span: tuple[int, int] | None,
+    has_rate: bool,
+) -> Evaluation:
+    file, path, run = given_tracks(tracks)
+    table = replace(run, other_tracks=file.table).tracks if run else file.table
+    size = run.info.size_px if run else None
+    rate = run.info.fps if run else None
+    name = "the truth"
+    if isinstance(truth, Path | str):
+        of_truth = truth_file(Path(truth)) or Path(truth)
+        name = str(of_truth)
+        truth = load_truth(of_truth, table)
+        size = size or sequence_size(of_truth)
+        rate = sequence_rate(of_truth) or rate
+    if rate and not has_rate:
         params = params.model_copy(update={"fps": rate})
-    tracks = load_file(pair.tracks).table
-    truth = load_truth(pair.truth, tracks)
-    run = RunFolder.around(pair.tracks)
-    if run is None:
-        size = sequence_size(pair.truth)
-    else:
-        size = run.info.size_px
-        tracks = replace(run, other_tracks=tracks).tracks
+    people = table_of(truth)
+    names = str(path or "the tracks"), name
     if params.match_on == "boxes" and size is not None:
-        refuse_outside(tracks.box_px, size, str(pair.tracks))
-        refuse_outside(truth.box_px, size, str(pair.truth))
-    warn_of(unfinished_note(pair.tracks))
-    return evaluate_named(tracks, truth, params, span, (str(pair.tracks), str(pair.truth)))
+        refuse_outside(table.box_px, size, names[0])
+        refuse_outside(people.box_px, size, name)
+    warn_of(unfinished_note(path) if path else "")
+    return evaluate_named(table, people, params, span, names)
 
 
 _DEFAULTS = AnalyticsParams()
@@ -196,14 +192,11 @@ def count(
         AnalyticsParams, hysteresis_m=hysteresis, zone_hysteresis_m=zone_hysteresis, min_age_s=min_age,
         interval_s=interval,
     )  # fmt: skip
-    if not window > 0:
-        raise InputError(f"expected a time greater than 0 s, found {window}", argument="window")
-    path = tracks_file(Path(tracks)) if isinstance(tracks, Path | str) else None
-    file = load_file(path) if path is not None else TrajectoryFile(table_of(tracks))
+    in_range("window", window, 0.001, 3600, " s")
+    file, path, run = given_tracks(tracks)
     found = limit(file, region, ignore).table
-    run = path and RunFolder.around(path)
     clock = Clock(file.table, fps or (run.info.fps if run else None))
-    plane = _plane(path_of(camera), path_of(rig), run or None)
+    plane = _plane(path_of(camera), path_of(rig), run)
     placed = rules if isinstance(rules, Rules) else rules_files.load_rules(Path(rules), plane)
     for doubt in (unfinished_note(path) if path else "", placed.unknown_size_note, placed.far_rule_note(found)):
         warn_of(doubt)
@@ -211,14 +204,14 @@ def count(
     counts = count_tracks(found, placed, params, clock=clock, n_frames=n_frames)
     counts = replace(counts, span=run.span) if run else counts
     result = counts.to_json()
-    if truth is not None and _is_events(Path(truth)):
+    if truth is not None and is_events(Path(truth)):
         result["scores"] = score_events(read_events(Path(truth)), counts, window).to_json()
     elif truth is not None:
         true = count_truth(load_truth(Path(truth)), counts.rules, clock, params, n_frames)
         result["scores"] = score_counts(true, counts, window).to_json()
     if out is not None or path is not None:
         _write_counts(path, path_of(out), counts.events, result)
-    return _totals(result, counts.events)
+    return totals_table(result, counts.events)
 
 
 def load_rules(path: Path | str, run: Path | str | None = None) -> Rules:
@@ -230,19 +223,7 @@ def load_rules(path: Path | str, run: Path | str | None = None) -> Rules:
     Raises:
         InputError: a file that cannot be read, or a rule outside the view.
     """
-    return rules_files.load_rules(Path(path), RunFolder(Path(run)).rule_plane if run is not None else None)
-
-
-def _totals(result: dict[str, Any], events: Sequence[Event]) -> DataFrame:
-    import pandas  # half a second
-
-    rows = [
-        {"rule": name} | {key: value for key, value in values.items() if isinstance(value, str | int | float)}
-        for name, values in result["rules"].items()
-    ]
-    table = pandas.DataFrame(rows).set_index("rule")
-    table.attrs = {**result, "events": [vars(event) for event in events]}
-    return table
+    return rules_files.load_rules(Path(path), RunFolder(Path(run)).rule_plane if run else None)
 
 
 def _write_counts(tracks: Path | None, folder: Path | None, events: Sequence[Event], result: dict[str, Any]) -> None:
@@ -270,10 +251,4 @@ def _plane(camera: Path | None, rig: Path | None, run: RunFolder | None) -> Rule
         return RulePlane(load_one_camera(camera))
     if rig is not None:
         return stereo_plane(rig)
-    return run.rule_plane if run is not None else RulePlane()
-
-
-def _is_events(path: Path) -> bool:
-    require_file(path, "truth or events")
-    with expecting(path, "truth or events", OSError), path.open("rb") as file:
-        return b"rule" in file.readline(10_000).strip().split(b",")
+    return run.rule_plane if run else RulePlane()

@@ -66,14 +66,13 @@ def inside(config: Config, table: str) -> Params:
 
 def _other_tables() -> Iterator[tuple[str, type[Params]]]:
     """Tables outside a run's configuration, by module and class without the package."""
-    of_a_run = {cls for _, cls in tables_of(Config)}
+    known = {Params, *(cls for _, cls in tables_of(Config))}
     for package in ("calib", "planview"):
         for module in walk_packages(import_module(package).__path__, f"{package}."):
             if not re.search(r"__main__|\.page|commands|\.api", module.name):
                 for name, value in vars(import_module(module.name)).items():
-                    is_table = isinstance(value, type) and issubclass(value, Params) and value is not Params
-                    own = is_table and value.__module__ == module.name and not name.startswith("_")
-                    if own and value not in of_a_run:
+                    is_table = isinstance(value, type) and issubclass(value, Params) and value not in known
+                    if is_table and value.__module__ == module.name and not name.startswith("_"):
                         yield f"{module.name.removeprefix('planview.')}.{name}", value
 
 

@@ -10,14 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from calib.errors import InputError
-from planview.api.arguments import one_of, opening, table_of
+from planview.api.arguments import given_tracks, in_range, one_of, opening
 from planview.api.result import Result
 from planview.offline.edit import edit_line
 from planview.offline.refine import Refined
 from planview.output.finished import EditedRun, edit_run, read_edits, refine_run, undo_edits
-from planview.output.run_folder import RunFolder
-from planview.trajectories.file import TrajectoryFile, limit, region_of, warn_of
-from planview.trajectories.formats import FORMATS, ExportName, load_file, prepare_export, tracks_file, write_file
+from planview.trajectories.file import limit, region_of, warn_of
+from planview.trajectories.formats import FORMATS, ExportName, prepare_export, write_file
 from planview.trajectories.layouts import stream_jsonl
 from planview.trajectories.rows import METRES
 from planview.trajectories.table import Trajectories, people_of
@@ -173,34 +172,31 @@ def export(
         InputError: a file that cannot be read, one that is there already, or tracks that the format cannot hold.
         WorkError: the file cannot be written.
     """
-    source = Path(tracks) if isinstance(tracks, Path | str) else None
-    if cloud is not None and to is None and source is not None:
-        return _export_cloud(source, Path(cloud), opening(calibration), overwrite)
+    if cloud is not None and to is None and isinstance(tracks, Path | str):
+        return _export_cloud(Path(tracks), Path(cloud), opening(calibration), overwrite)
     if to is None or cloud is not None:
         raise InputError(f"expected a format ({', '.join(FORMATS)}), or a file for the cloud of a run", argument="to")
     one_of("to", to, FORMATS)
     one_of("unit", unit, METRES)
-    if fps is not None and not 0 < fps <= 10_000:
-        raise InputError(f"expected a rate above 0, found {fps:g}", argument="fps")
-    file = tracks_file(source) if source is not None else None
+    if fps is not None:
+        in_range("fps", fps, 0.001, 10_000)
     walkable = region_of(area, "area=") if area else None
-    run = RunFolder.around(source) if source is not None else None
-    found = limit(load_file(file) if file is not None else TrajectoryFile(table_of(tracks)), region, ignore)
-    if not len(found.table) and run is not None:
+    content, file, run = given_tracks(tracks)
+    found = limit(content, region, ignore)
+    if not len(found.table) and run:
         found = replace(found, fps=found.fps or run.info.fps)
     try:
         written = prepare_export(found, to, fps=fps, area=walkable.wkt if walkable else None, lost=lost)
     except InputError as error:
-        raise error if file is None or str(file) in str(error) else error.about(str(file)) from error
+        raise error.about(str(file or "the tracks")) from error
     if walkable is not None:
         warn_of(walkable.doubt(written.table))
     if file is None and out is None:
         raise InputError("expected a file for a table of tracks, found None", argument="out")
     path = Path(out) if out is not None else file.with_name(f"{file.stem}_{to}{FORMATS[to].suffix}")  # type: ignore[union-attr]
     rate = written.fps or 0.0
-    people = people_of(found.table, 1.0 / rate if run is None else run.frame_s)
-    n_rows = len(written.table)
-    values = {"file": str(path), "rows": n_rows, "people": len(people), "fps": rate}
+    people = people_of(found.table, run.frame_s if run else 1.0 / rate)
+    values = {"file": str(path), "rows": len(written.table), "people": len(people), "fps": rate}
     exported = Result(path, values, files=[path])
     if path == Path("-"):
         if to != "jsonl":
@@ -222,7 +218,7 @@ def _export_cloud(source: Path, path: Path, options: OpenOptions, overwrite: boo
 
 
 def _refuse_existing(out: Path, source: Path | None, overwrite: bool) -> None:
-    if source is not None and out.exists() and out.resolve() == source.resolve():
+    if source is not None and out.exists() and out.samefile(source):
         raise InputError(f"{out} is the file that is read; choose another")
     if out.is_dir():
         raise InputError(f"{out} is a folder; name a file")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import IO, Literal, cast, get_args
 
 from calib.errors import InputError
-from calib.io import reason, require_file
+from calib.io import expecting, reason, require_file
 
 EventKind = Literal["crossing", "entry", "exit"]
 Direction = Literal["left_to_right", "right_to_left", ""]
@@ -78,3 +78,10 @@ def _event(row: dict[str, str], where: str) -> Event:
     if row["kind"] not in get_args(EventKind) or row["direction"] not in get_args(Direction):
         raise InputError(f"{where}: expected a known kind and direction, found {row['kind']!r}, {row['direction']!r}")
     return Event(frame, moment, row["rule"], cast(EventKind, row["kind"]), track_id, cast(Direction, row["direction"]))
+
+
+def is_events(path: Path) -> bool:
+    """Whether a file is one of events and not of positions. Raises InputError: it cannot be read."""
+    require_file(path, "truth or events")
+    with expecting(path, "truth or events", OSError), path.open("rb") as file:
+        return b"rule" in file.readline(10_000).strip().split(b",")
