@@ -43,7 +43,7 @@ def board_views(rig: StereoRig, board: Board, n: int, noise_px: float, rng: np.r
     points, extent = board.points, float(board.points.max())
     near = 1.5 * extent * rig.left.fx / rig.left.width
     ids = np.arange(len(points))
-    views: list[BoardView] = []
+    views = []
     while len(views) < n:
         turn = SE3.from_rotvec(rng.normal(size=3) * [0.45, 0.45, 0.3])
         middle = rig.left.unproject([rng.uniform(0.12, 0.88, 2) * rig.left.size])[0] * rng.uniform(near, 2.5 * near)

@@ -43,7 +43,7 @@ class World:
     """Draws people and remembers the last frame for motion."""
 
     def __init__(self) -> None:
-        self._last: np.ndarray | None = None
+        self._last = None
 
     def observe(
         self, k: int, people: Iterable[Drawn], hidden: slice | None = None, heights: Iterable[float] | None = None

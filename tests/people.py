@@ -10,7 +10,7 @@ from calib.people.samples import HumanSample
 def standing_people(camera: GroundCamera, count: int, seed: int = 0, noise_px: float = 0.0) -> list[HumanSample]:
     """People of the paper's size at random places where the whole of them is in the image."""
     rng, model = np.random.default_rng(seed), HumanModel()
-    people: list[HumanSample] = []
+    people = []
     while len(people) < count:
         xy = camera.back_project(rng.uniform((0, 0), (camera.width, camera.height)))
         if not np.isfinite(xy).all() or np.hypot(*xy) > 25:

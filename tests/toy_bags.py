@@ -38,7 +38,7 @@ class Writer:
         if chunks:
             self.bag.set_compression(rosbag1.Writer.CompressionFormat[chunks.upper()])
         self.bag.open()
-        self.connections: dict[str, Any] = {}
+        self.connections = {}
 
     def write(self, topic: str, log_ns: int, message: Any) -> None:
         kind = message.__msgtype__
@@ -59,7 +59,7 @@ class Writer:
         return kind(self.header(stamp_ns), pixels.shape[0], pixels.shape[1], encoding, 0, step, data)
 
     def compressed(self, stamp_ns: int, pixels: AnyArray) -> Any:
-        data = np.asarray(cv2.imencode(".png", pixels)[1]).ravel()
+        data = cv2.imencode(".png", pixels)[1].ravel()
         return self.store.types["sensor_msgs/msg/CompressedImage"](self.header(stamp_ns), "png", data)
 
     def info(self, stamp_ns: int, shift_m: float, frame: str = "cam") -> Any:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.pose import SE3
-from calib.types import F32, F64, U8
+from calib.types import F64
 from planview.maps.view import SURFACE, PixelRays, View
 from planview.tracking.base import Observation
 from planview.tracking.body import FACINGS, LEAN_M, TORSO, BodyTable, body_table
@@ -35,9 +35,9 @@ def look_at(
 ) -> View:
     """People (x, y, height and, unless 0, facing and lean), or what else a table shows, before a floor without texture,
     each of one colour code."""
-    kind: U8 = np.zeros(rays.shape, np.uint8)
-    nearest: F32 = np.full(rays.shape, np.inf, np.float32)
-    colour: U8 = np.zeros(rays.shape, np.uint8)
+    kind = np.zeros(rays.shape, np.uint8)
+    nearest = np.full(rays.shape, np.inf, np.float32)
+    colour = np.zeros(rays.shape, np.uint8)
     for k, person in enumerate(people):
         cover, at = seen_body(rays, person, table)
         front = (cover > 0.5) & (at < nearest)

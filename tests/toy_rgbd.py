@@ -33,7 +33,7 @@ def _rays() -> F64:
     """(N, 3) rays of all pixels at unit depth, in world directions."""
     columns, rows = np.meshgrid(np.arange(CAMERA.width), np.arange(CAMERA.height))
     rays = CAMERA.unproject(np.column_stack([columns.ravel(), rows.ravel()]))
-    return np.asarray(rays @ world_SE3_camera().rotation.T, dtype=np.float64)
+    return rays @ world_SE3_camera().rotation.T
 
 
 def depth_image(frame: int) -> F64:

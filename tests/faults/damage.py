@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
-import numpy as np
 
 from calib.types import U8
 
@@ -146,7 +145,7 @@ def both(*damages: Damage) -> Damage:
 
 def blocks(image: U8, frame: int) -> U8:
     """As a codec leaves it at a very low bit rate."""
-    return np.asarray(cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 4])[1], 0), dtype=np.uint8)
+    return cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 4])[1], 0)
 
 
 def videos(left: Callable[[bytes], bytes] = bytes, right: Callable[[bytes], bytes] = bytes) -> Damage:

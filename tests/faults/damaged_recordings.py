@@ -92,7 +92,7 @@ def originals() -> Path:
 def damaged_message(path: Path, rng: random.Random) -> None:
     """One field of one message of a bag that is rewritten."""
     kind, value = rng.choice(("image", "info")), rng.choice((0, 1, 7, 255, 2**31, 2**32 - 1))
-    fields: dict[str, Any] = {
+    fields = {
         "image": {"width": value, "height": value, "step": value, "encoding": rng.choice(("8UC-1", "", "16UC9", "rgb8", "x" * 9999))},
         "info": {"width": value, "height": value, "k": np.full(9, float(rng.choice((np.nan, 0.0, -1e6, 1e300)))),
                  "d": np.full(rng.choice((0, 1, 5, 7)), float(rng.choice((np.nan, -1e6, 1e300)))),
@@ -146,7 +146,7 @@ def damage_table(file: Any, rng: random.Random) -> None:
         else:
             attributes[name] = rng.choice((rng.choice(EXTREMES), "x", [1.0, 2.0], np.float64(rng.choice(EXTREMES))))
         return
-    names: list[str] = []
+    names = []
     file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
     name, kind = rng.choice(sorted(names)), rng.randrange(5)
     column = file[name]

@@ -42,7 +42,7 @@ from planview.synthetic.scene import load_scene
 from planview.trajectories.detections import load_detections
 from planview.trajectories.file import TrajectoryFile
 from planview.trajectories.formats import FORMATS as EXPORTS
-from planview.trajectories.formats import ExportName, load_file
+from planview.trajectories.formats import load_file
 from stereo.readers.times import load_timestamps
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -257,5 +257,5 @@ def test_setting_of_any_text_is_taken_or_refused(text):
 
 
 def test_every_export_format_is_fuzzed():
-    names: list[ExportName] = list(EXPORTS)
+    names = list(EXPORTS)
     assert set(names) <= {name for name, _ in trajectories()}

@@ -61,7 +61,7 @@ def engine(tmp_path) -> Engine:
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="resident memory is read from /proc")
 @pytest.mark.parametrize("logs", ["", "maps", "rrd"])
 def test_memory_of_a_long_run_does_not_grow(engine, tmp_path, logs):
-    resident: dict[int, int] = {}
+    resident = {}
 
     def watch(result: FrameResult) -> None:
         if result.frame in (FRAMES // 3 - 1, FRAMES - 1):

@@ -122,7 +122,7 @@ def files(folder: Path) -> set[str]:
 def test_every_command_finds_the_floor_of_a_run(small, json_of):
     of_run = set_up(open_recording(small), load_config()).floor
     floor = examine(small, frames=4).floor
-    assert floor is not None and floor.world_SE3_left.matrix.tolist() == of_run.world_SE3_left.matrix.tolist()
+    assert floor.world_SE3_left.matrix.tolist() == of_run.world_SE3_left.matrix.tolist()
     printed = json_of("calibrate", "floor", small)
     assert printed["height_m"] == of_run.height_m and printed["inlier_fraction"] == of_run.inlier_fraction
 

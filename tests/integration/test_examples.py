@@ -53,7 +53,7 @@ def test_cells_of_the_notebook_run_in_order(short_clip, monkeypatch):
 
     mpl.use("Agg")
     monkeypatch.chdir(short_clip)
-    names: dict[str, Any] = {"__name__": "__main__"}
+    names = {"__name__": "__main__"}
     for number, source in enumerate(notebook()):
         exec(compile(source, f"cell {number}", "exec"), names)
     assert names["scores"].switches == 0 and names["exported"].values["rows"] > 20

@@ -100,7 +100,7 @@ def test_two_walkers_are_followed_through_the_middle_as_they_went(shared_data):
     engine = open_engine(shared_data / "overhead-stereo")
     geometry = engine.stereo.geometry
     camera = geometry.above(engine.stereo.floor.world_SE3_left)
-    rows: dict[int, list[tuple[float, ...]]] = defaultdict(list)
+    rows = defaultdict(list)
     for result in engine:
         for track in (t for t in result.tracks if t.state == "confirmed"):
             u, _ = camera.project((track.x_m, track.y_m, track.height_m))
@@ -143,7 +143,7 @@ def _path(shared_data: Path) -> dict[int, F64]:
 
 def _confirmed(folder: Path) -> Trajectories:
     tracks = read_tracks(folder / "tracks.csv")
-    return tracks.where(np.asarray(tracks.state == "confirmed"))
+    return tracks.where(tracks.state == "confirmed")
 
 
 def test_walker_is_tracked_along_the_path_of_the_depth_blobs(walked, shared_data):

@@ -87,11 +87,6 @@ def test_person_is_tracked_from_depth_alone(engine):
     assert [engine.step(frame).tracks for frame in engine.recording] == [tracks for _, tracks in iterated]
 
 
-def test_a_matcher_of_ones_own_is_refused_for_depth(recording):
-    with pytest.raises(InputError, match="stereo pairs"):
-        open_engine(recording, config=FEW, matcher=lambda left, right: np.zeros(left.shape, np.float32))
-
-
 def test_run_names_the_depth_sensor(recording, tmp_path, succeed):
     succeed("run", recording, "--out", tmp_path / "out", "--frames", EMPTY + 8, "--rrd")
     text = (tmp_path / "out" / "run.json").read_text()

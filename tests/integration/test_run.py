@@ -113,10 +113,10 @@ def test_overwriting_leaves_foreign_files_alone(succeed, copy, tmp_path):
 def test_colour_is_tracked_like_grey(pairs, engine, tmp_path):
     tint = np.array([0.8, 1.0, 0.9])
     coloured = [tuple((image[..., None] * tint).astype(np.uint8) for image in pair) for pair in pairs[:26]]
-    recording = write_toy_recording(tmp_path / "colour", toy_rig(), coloured)  # type: ignore[arg-type]
+    recording = write_toy_recording(tmp_path / "colour", toy_rig(), coloured)
     write_world(engine, recording)
     results = list(open_engine(recording, config=load_config(None, [FEW])))
-    assert results[0].depth is not None and results[0].depth.picture().ndim == 3
+    assert results[0].depth.picture().ndim == 3
     assert [track.state for track in results[-1].tracks] == ["confirmed"]
 
 

@@ -10,7 +10,7 @@ import pytest
 from crossing_video import CAMERA, CrossingVideo
 from toy_recordings import write_frames
 from toy_rgbd import write_toy_rgbd
-from toy_run import FEW
+from toy_run import FEW, run_few
 
 import planview
 from calib.ground_camera import save_ground_camera
@@ -36,7 +36,7 @@ def words(request, tmp_path, succeed) -> list[object]:
         return [write_toy_rgbd(tmp_path / "depth"), "--set", "analysis.setup_frames=6"]
     if kind == "maps":
         pair = request.getfixturevalue("recording")
-        succeed("run", pair, "--out", tmp_path / "first", "--set", FEW, "--maps")
+        run_few(succeed, pair, tmp_path / "first", "--maps")
         return [tmp_path / "first" / "maps.h5"]
     clip = tmp_path / "clip.avi"
     write_frames(clip, [frame.image for frame in CrossingVideo()])

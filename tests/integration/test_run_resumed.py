@@ -12,7 +12,7 @@ import pytest
 from cli import contents
 from crossing_video import CAMERA, CrossingVideo
 from rerun.chunk import RrdReader
-from toy_run import FEW
+from toy_run import FEW, run_few
 
 import planview
 from calib.errors import InputError
@@ -127,7 +127,7 @@ def test_a_table_that_was_changed_since_the_checkpoint_is_not_resumed_from(engin
 
 def test_another_recording_or_option_is_not_resumed_with(succeed, refused, copy, tmp_path):
     out = tmp_path / "out"
-    succeed("run", copy, "--out", out, "--set", FEW, "--frames", "3", "--checkpoint-every", FREQUENT_S)
+    run_few(succeed, copy, out, "--frames", "3", "--checkpoint-every", FREQUENT_S)
     (out / "run.json").write_text((out / "run.json").read_text().replace('"finished": true', '"finished": false'))
     output = refused("run", copy, "--out", out, "--set", "analysis.setup_frames=5", "--resume")
     assert "holds a run with another configuration (analysis" in output
@@ -250,14 +250,14 @@ def test_another_image_or_calibration_is_another_recording(copy, tmp_path):
 @pytest.mark.parametrize("left", [["run.json", "run.rrd", "maps.h5.part"], ["run.json.part"]])
 def test_a_run_that_was_killed_before_its_first_checkpoint_starts_again(succeed, copy, tmp_path, left):
     out = tmp_path / "out"
-    succeed("run", copy, "--out", out, "--set", FEW, "--frames", "3")
+    run_few(succeed, copy, out, "--frames", "3")
     kept = (out / "run.json").read_text().replace('"finished": true', '"finished": false')
     tracks = (out / "tracks.csv").read_bytes()
     for file in out.iterdir():
         file.unlink()
     for name in left:
         (out / name).write_text(kept if name == "run.json" else "half")
-    succeed("run", copy, "--out", out, "--set", FEW, "--frames", "3", "--resume")
+    run_few(succeed, copy, out, "--frames", "3", "--resume")
     assert (out / "tracks.csv").read_bytes() == tracks
     assert not (out / "maps.h5.part").exists()
 
@@ -282,7 +282,7 @@ def test_what_a_kill_after_the_last_frame_left_undone_is_done(succeed, copy, tmp
 
 def test_a_finished_run_of_other_settings_is_not_taken_for_the_one_that_is_resumed(succeed, refused, copy, tmp_path):
     out = tmp_path / "out"
-    succeed("run", copy, "--out", out, "--set", FEW, "--frames", "3")
+    run_few(succeed, copy, out, "--frames", "3")
     before = contents(out)
     assert "another configuration (joint)" in refused(
         "run", copy, "--out", out, "--set", FEW, "--set", "joint.stay_s=0.7", "--resume"
@@ -292,7 +292,7 @@ def test_a_finished_run_of_other_settings_is_not_taken_for_the_one_that_is_resum
 
 def test_a_run_that_was_killed_before_it_was_refined_is_refined(succeed, copy, tmp_path):
     out = tmp_path / "out"
-    succeed("run", copy, "--out", out, "--set", FEW)
+    run_few(succeed, copy, out)
     words = ("run", copy, "--out", out, "--set", FEW, "--resume", "--refine")
     assert "nothing is left" not in succeed(*words)
     assert read_run_info(out / "run.json").refined and (out / "tracks_online.csv").is_file()
@@ -301,7 +301,7 @@ def test_a_run_that_was_killed_before_it_was_refined_is_refined(succeed, copy, t
 
 def rows_of(recording: Path) -> dict[tuple[str, int | None], dict[str, object]]:
     """What a recording shows at every frame, and at all of them (None), but when it was made and the time it took."""
-    found: dict[tuple[str, int | None], dict[str, object]] = {}
+    found = {}
     for part in rrd_parts(recording):
         for chunk in RrdReader(part).stream():
             if not chunk.entity_path.startswith(("/time_ms", "/__properties")):

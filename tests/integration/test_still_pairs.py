@@ -12,7 +12,6 @@ from planview.engine.engine import FrameResult
 
 
 def disparity_of(result: FrameResult) -> F32:
-    assert result.depth is not None
     return result.depth.disparity
 
 

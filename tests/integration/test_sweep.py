@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from cli import one_sentence
 from distributed import Client, LocalCluster
-from toy_run import EMPTY, FEW, FRAMES
+from toy_run import EMPTY, FRAMES, run_few
 from toy_stereo import walking
 
 from planview.output.run import run
@@ -78,7 +78,7 @@ def test_study_does_no_run_twice(succeed, halls):
 
 def test_study_gives_the_tracks_of_a_plain_run(succeed, copy, tmp_path):
     (tmp_path / "c.toml").write_text("[analysis]\nsetup_frames = 4\n")
-    succeed("run", copy, "--out", tmp_path / "plain", "--set", FEW)
+    run_few(succeed, copy, tmp_path / "plain")
     path = study(tmp_path, 'recordings = ["copy"]\nconfig = "c.toml"\n')
     succeed("sweep", path)
     (tracks,) = (tmp_path / "study").glob("jobs/*/tracks.csv")

@@ -20,12 +20,11 @@ JOBS = 8
 
 def kill_one_at_work(out: Path) -> None:
     """Kill a worker in the middle of a run, when a first run of the study is done."""
-    working: list[Path] = []
+    working = []
     while not working or not list(out.glob("jobs/*/scores_*.json")):
         time.sleep(0.001)
         working = list(out.glob("jobs/.attempt-*"))
     found = re.fullmatch(r"\.attempt-(\d+)-.*", working[0].name)
-    assert found is not None
     os.kill(int(found[1]), signal.SIGKILL)
 
 

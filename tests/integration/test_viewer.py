@@ -103,7 +103,7 @@ class Log:
 @pytest.fixture
 def opened(monkeypatch) -> list[Opened]:
     """The viewers that were opened, without their programs."""
-    viewers: list[Opened] = []
+    viewers = []
 
     def open_viewer(**_: object) -> Opened:
         viewers.append(Opened())

@@ -42,7 +42,7 @@ class Browser:
         return value
 
     def mouse(self, *steps: tuple[str, float, float]) -> None:
-        actions: list[dict[str, Any]] = []
+        actions = []
         for kind, x, y in steps:
             actions.append({"type": "pointerMove", "duration": 40, "x": round(x), "y": round(y)})
             if kind != "pointerMove":

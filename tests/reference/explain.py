@@ -67,7 +67,7 @@ def _of_background(kind: int, near: bool, p: JointParams, reach_m: float) -> flo
 def patches_of(seen: View, per_patch: float) -> F64:
     """(N,) patches that every pixel of surface is."""
     surface = seen.kind == SURFACE
-    return np.asarray((seen.range_m[surface] / seen.rays.stretch[surface]).astype(np.float64) ** 2 * per_patch)
+    return (seen.range_m[surface] / seen.rays.stretch[surface]).astype(np.float64) ** 2 * per_patch
 
 
 def log_likelihood_of_mask(frame: MaskExplanation, people: Poses, reaching: Poses, tall_m: float) -> float:

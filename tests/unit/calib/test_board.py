@@ -1,7 +1,6 @@
 """Boards: found in images, solved for cameras."""
 
 from dataclasses import replace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -34,14 +33,13 @@ def board_image(cols: int, rows: int) -> U8:
     y, x = np.mgrid[: (rows + 1) * PX, : (cols + 1) * PX]
     board = (((x // PX + y // PX) % 2) * 200 + 25).astype(np.uint8)
     framed = cv2.copyMakeBorder(board, 2 * PX, 2 * PX, 2 * PX, 2 * PX, cv2.BORDER_CONSTANT, value=225)
-    return np.asarray(cv2.GaussianBlur(framed, (0, 0), 0.8), dtype=np.uint8)
+    return cv2.GaussianBlur(framed, (0, 0), 0.8)
 
 
 @pytest.mark.parametrize(("counts", "scale", "most_px"), [((8, 5), 1, 0.01), ((9, 6), 1 / 3, 0.1)])
 def test_corners_are_found_to_a_fraction_of_a_pixel(counts, scale, most_px):
     image = cv2.resize(board_image(*counts), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     corners = Detector(Board(*counts, 0.03))(image)
-    assert corners is not None
     expected = (Board(*counts, 0.1).points[:, :2] / 0.1 * PX + 3 * PX) * scale - 0.5
     assert min(np.abs(order - expected).max() for order in (corners.pixels, corners.pixels[::-1])) < most_px
 
@@ -73,7 +71,7 @@ def test_order_of_a_board_that_looks_alike_when_turned_follows_the_other_camera(
 def charuco(name: str) -> tuple[Board, U8]:
     board = Board(6, 4, 0.04, name, 0.03)
     made = cv2.aruco.CharucoBoard((7, 5), 0.04, 0.03, cv2.aruco.getPredefinedDictionary(dictionaries()[name]))
-    return board, np.asarray(made.generateImage((700, 500), marginSize=20), dtype=np.uint8)
+    return board, made.generateImage((700, 500), marginSize=20)
 
 
 def test_charuco_corners_carry_their_ids_when_half_of_the_board_is_hidden():
@@ -88,7 +86,7 @@ def test_charuco_corners_carry_their_ids_when_half_of_the_board_is_hidden():
 
 def test_dictionary_of_a_charuco_board_is_found():
     board, large = charuco("DICT_6X6_250")
-    image = np.asarray(cv2.resize(large, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    image = cv2.resize(large, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
     opened = Board(6, 4, 0.04, "DICT_4X4_50", 0.03)
     found = complete_charuco(opened, [image], any_dictionary=True, any_marker=True)
     # Smaller dictionaries of a family begin with the same markers.
@@ -99,8 +97,7 @@ def test_dictionary_of_a_charuco_board_is_found():
 def test_blur_lowers_sharpness():
     image = board_image(8, 5)
     corners = Detector(Board(8, 5, 0.03))(image)
-    assert corners is not None
-    blurred = np.asarray(cv2.GaussianBlur(image, (0, 0), 3), dtype=np.uint8)
+    blurred = cv2.GaussianBlur(image, (0, 0), 3)
     assert sharpness(blurred, corners) < 0.6 * sharpness(image, corners)
 
 
@@ -219,10 +216,10 @@ def test_errors_per_view_are_those_that_opencv_reports():
     fit = fit_rig(views, BOARD.points, (truth.left, truth.right), LENSES[1])
     one = np.float32
     points = [BOARD.points.astype(one)] * 6
-    left, right = ([view.image_points(side).astype(one) for view in views] for side in ("left", "right"))  # type: ignore[arg-type]
+    left, right = ([view.image_points(side).astype(one) for view in views] for side in ("left", "right"))
     cameras = (truth.left.matrix, truth.left.coefficients, truth.right.matrix, truth.right.coefficients)
     flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_K3
-    extended: Any = cv2.stereoCalibrateExtended
+    extended = cv2.stereoCalibrateExtended
     *_, per_view = extended(points, left, right, *cameras, SIZE, None, None, flags=flags)
     found = np.sqrt((np.array(fit.errors) ** 2).sum(axis=3).mean(axis=2))
     np.testing.assert_allclose(found, per_view, rtol=0.01)

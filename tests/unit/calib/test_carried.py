@@ -53,7 +53,7 @@ def test_value_comes_back_with_its_type(value):
 
 
 def test_state_is_json_apart_from_its_arrays():
-    arrays: list[object] = []
+    arrays = []
     json.dumps(Room().state(), default=lambda value: arrays.append(value))
     assert len(arrays) == 3 and all(isinstance(array, np.ndarray) for array in arrays)
 

@@ -61,7 +61,7 @@ def test_special_files_are_refused_instead_of_waited_for(tmp_path, read, name):
     if name == "pipe":
         os.mkfifo(path)
     with pytest.raises(InputError, match="pipe"):
-        read(path)  # type: ignore[operator]
+        read(path)
 
 
 @pytest.mark.parametrize(

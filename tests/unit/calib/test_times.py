@@ -25,7 +25,7 @@ def in_bursts(of: int, count: int = 40) -> np.ndarray:
 @pytest.mark.parametrize("of", [2, 5])
 def test_frames_that_arrive_in_bursts_are_spread_from_burst_to_burst(of):
     rate = rate_of_times(in_bursts(of))
-    assert rate is not None and rate.burst == of and rate.fps == pytest.approx(10.0, rel=0.15)
+    assert rate.burst == of and rate.fps == pytest.approx(10.0, rel=0.15)
     spread, notes = spread_bursts(in_bursts(of), rate)
     assert spread[:30] == pytest.approx(np.arange(30) / 10, abs=0.01)
     assert f"bursts of about {of}" in notes[0]
@@ -43,7 +43,7 @@ def test_frames_that_arrive_in_bursts_are_spread_from_burst_to_burst(of):
 )
 def test_times_without_bursts_are_left(times, note):
     rate = rate_of_times(times)
-    assert rate is not None and rate.burst == 1 and rate.note.startswith(note) and bool(rate.note) == bool(note)
+    assert rate.burst == 1 and rate.note.startswith(note) and bool(rate.note) == bool(note)
     assert spread_bursts(times, rate)[0] is times
 
 
@@ -142,7 +142,6 @@ def counted(first: int, counts: list[int]) -> tuple[list[int], list[str]]:
 def test_frames_that_are_counted_in_each_second_come_evenly(first):
     seconds, parts = counted(first, [8 if first else 4, 10, 10, 5])
     decimals = within_seconds(seconds, parts)
-    assert decimals is not None
     times = [second + float(f"0.{part}") for second, part in zip(seconds, decimals, strict=True)]
     assert np.diff(times[:24]) == pytest.approx(0.1, abs=0.21 if first else 1e-6)
 
@@ -150,7 +149,7 @@ def test_frames_that_are_counted_in_each_second_come_evenly(first):
 def test_lost_frame_of_those_counted_in_each_second_leaves_a_gap():
     seconds, parts = counted(0, [10, 10, 10, 10])
     decimals = within_seconds([*seconds[:14], *seconds[15:]], [*parts[:14], *parts[15:]])
-    assert decimals is not None and [decimals[13][:3], decimals[14][:3]] == ["300", "500"]
+    assert [decimals[13][:3], decimals[14][:3]] == ["300", "500"]
 
 
 def test_frames_counted_in_two_seconds_that_may_both_be_cut_have_no_times():

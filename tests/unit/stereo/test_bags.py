@@ -123,23 +123,23 @@ INFRARED = ("/camera/infra1/image_rect_raw", "/camera/infra2/image_rect_raw")  #
 
 
 def test_infrared_pair_is_in_the_order_of_its_numbers():
-    assert choose_topics(Listed(*reversed(INFRARED)), ()) == ("stereo", *INFRARED)  # type: ignore[arg-type]
+    assert choose_topics(Listed(*reversed(INFRARED)), ()) == ("stereo", *INFRARED)
 
 
 def test_colour_topic_with_a_depth_topic_is_an_image_with_depth():
     bag = Listed(*COLOUR_AND_DEPTH, f"{COLOUR_AND_DEPTH[0]}/compressed")
-    assert choose_topics(bag, ()) == ("rgbd", *COLOUR_AND_DEPTH)  # type: ignore[arg-type]
+    assert choose_topics(bag, ()) == ("rgbd", *COLOUR_AND_DEPTH)
 
 
 @pytest.mark.parametrize("topics", [(*INFRARED, *COLOUR_AND_DEPTH), ("/front/image_raw", "/back/image_raw")])
 def test_topics_that_are_no_clear_pair_are_asked_for_with_their_list(topics):
     with pytest.raises(InputError, match=rf"found {', '.join(topics)}; use topics="):
-        choose_topics(Listed(*topics), ())  # type: ignore[arg-type]
+        choose_topics(Listed(*topics), ())
 
 
 def test_one_image_topic_is_one_camera():
     with pytest.raises(InputError, match="one camera"):
-        choose_topics(Listed("/cam/image_raw"), ())  # type: ignore[arg-type]
+        choose_topics(Listed("/cam/image_raw"), ())
 
 
 def test_messages_that_are_compressed_one_by_one_are_refused_with_the_way_out(tmp_path):

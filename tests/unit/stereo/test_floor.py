@@ -9,7 +9,7 @@ import pytest
 from calib.floor.plane import FloorParams
 from calib.pose import SE3
 from calib.rig import world_from_plane
-from calib.types import F32, F64
+from calib.types import F32
 from stereo.depth import RectifiedGeometry
 from stereo.floor import floor_in
 
@@ -28,7 +28,7 @@ def depth_of(boxes: Sequence[Box], pose: SE3, noise: np.random.Generator) -> F32
     u, v = np.meshgrid(np.arange(VIEW.width), np.arange(VIEW.height))
     rays = np.dstack([(u - VIEW.cu_px) / VIEW.focal_u_px, (v - VIEW.cv_px) / VIEW.focal_v_px, np.ones(u.shape)])
     rays = rays @ pose.rotation.T + 1e-12
-    corners: F64 = np.array(boxes).reshape(-1, 2, 1, 1, 3) - pose.translation
+    corners = np.array(boxes).reshape(-1, 2, 1, 1, 3) - pose.translation
     edges = corners / rays
     enter, leave = edges.min(axis=1).max(axis=-1), edges.max(axis=1).min(axis=-1)
     depth = np.where((enter < leave) & (enter > 0), enter, np.inf).min(axis=0)

@@ -77,7 +77,7 @@ def test_images_of_another_size_are_refused():
 def test_pixels_that_are_masked_or_whose_match_is_have_no_disparity(side, seen):
     mask = np.full(SIZE[::-1], 255, np.uint8)
     mask[:, 200:] = 0
-    found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 32), **{side: mask})(*shifted(12.0))  # type: ignore[arg-type]
+    found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 32), **{side: mask})(*shifted(12.0))
     assert np.isnan(found[:, seen:]).all() and np.isfinite(found[20:-20, 60 : seen - 7]).mean() > 0.9
 
 

@@ -37,7 +37,7 @@ def test_bayer_red_pixel_is_red_in_every_pattern():
 
 
 def test_compressed_depth_of_floats_is_unquantised():
-    png = np.asarray(cv2.imencode(".png", np.array([[0, 101]], np.uint16))[1]).tobytes()
+    png = cv2.imencode(".png", np.array([[0, 101]], np.uint16))[1].tobytes()
     header = np.array([0], "<i4").tobytes() + np.array([2.0, 100.0], "<f4").tobytes()
     stored = stored_pixels(ImageMessage("32FC1; compressedDepth png", header + png))
     np.testing.assert_array_equal(stored, [[np.nan, 2.0]])

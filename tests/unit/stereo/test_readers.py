@@ -166,7 +166,7 @@ def test_world_file_gives_the_pose(tmp_path):
     rotation = "rotation = [[1,0,0],[0,-1,0],[0,0,-1]]"
     (folder / "world.toml").write_text(f"[world_SE3_left]\n{rotation}\ntranslation_m = [0,0,2.5]\n")
     pose = open_recording(folder).sensor.world_SE3_left
-    assert pose is not None and pose.translation[2] == 2.5
+    assert pose.translation[2] == 2.5
 
 
 def test_single_camera_folder_is_a_video(tmp_path):
@@ -207,7 +207,7 @@ def test_topics_may_be_one_text():
 def test_rate_must_be_a_positive_number():
     for fps in ("30", -1):
         with pytest.raises(InputError, match=repr(fps)):
-            OpenOptions(fps=fps)  # type: ignore[arg-type]
+            OpenOptions(fps=fps)
 
 
 def test_files_that_are_no_part_of_a_recording_are_passed_over(tmp_path):

@@ -146,7 +146,7 @@ class Times:
 
     def __init__(self, times_s: list[float], fps: float = 10.0) -> None:
         self.times_s, self.fps, self.n_frames = times_s, fps, len(times_s)
-        self.skipped: list[Skipped] = []
+        self.skipped = []
         self.name = ""
 
     def __iter__(self) -> Iterator[Frame[Shot]]:

@@ -71,7 +71,7 @@ def test_videos_whose_times_waver_pair_in_order():
 
 def test_rate_is_the_mean_of_steps_that_a_clock_of_milliseconds_rounds():
     rate = rate_of_times(np.round(np.arange(61) / 15, 3))
-    assert rate is not None and rate.fps == pytest.approx(15, rel=1e-3)
+    assert rate.fps == pytest.approx(15, rel=1e-3)
 
 
 def test_header_that_gives_the_clock_for_a_rate_is_corrected_by_the_times(tmp_path, monkeypatch):

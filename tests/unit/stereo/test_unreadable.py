@@ -79,7 +79,7 @@ def test_image_with_smaller_previews_is_one_image(kind):
         (b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 7\n", "git lfs pull"),
         (b"<!DOCTYPE html><html>", "a web page"),
         (b"\0\0\0\x18ftypheic" + bytes(20), "HEIF or AVIF"),
-        (np.asarray(cv2.imencode(".tiff", np.ones((24, 32), np.float32))[1]).tobytes(), "float32 values"),
+        (cv2.imencode(".tiff", np.ones((24, 32), np.float32))[1].tobytes(), "float32 values"),
         (pages("TIFF"), "3 pages in one TIFF: write each"),
         (pages("GIF"), "3 pages in one GIF"),
         (pages("PNG"), "3 pages in one PNG"),

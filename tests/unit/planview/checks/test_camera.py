@@ -23,7 +23,7 @@ from stereo.viewpoint import Standing, Viewpoints
 def scene(seed: int) -> U8:
     """(120, 300) uint8 patches, wider than the image."""
     coarse = np.random.default_rng(seed).integers(40, 216, (12, 30), dtype=np.uint8)
-    return np.asarray(cv2.resize(coarse, (300, 120), interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
+    return cv2.resize(coarse, (300, 120), interpolation=cv2.INTER_CUBIC)
 
 
 SCENE, OTHER = scene(1), scene(2)
@@ -102,7 +102,7 @@ def test_crowd_that_fills_the_view_is_no_moving_camera():
 def test_camera_that_zooms_while_turning_moves():
     def zoomed(i: int) -> U8:
         motion = cv2.getRotationMatrix2D((80.0, 60.0), 0.5 * i, 1.0 + 0.01 * i)
-        return np.asarray(cv2.warpAffine(SCENE, motion, SIZE, borderMode=cv2.BORDER_REFLECT), dtype=np.uint8)
+        return cv2.warpAffine(SCENE, motion, SIZE, borderMode=cv2.BORDER_REFLECT)
 
     assert not all(watched([zoomed(i) for i in range(20)])[1])
 

@@ -146,7 +146,7 @@ def test_every_second_frame_that_is_darker_is_a_warning():
 def wave(late: float, frames: int = WINDOW, seed: int = 0) -> F64:
     t = np.arange(frames)[:, None] - late + np.array([0.0, 20.0, 40.0])
     noise = np.random.default_rng((seed, round(10 * late) + 100)).normal(0, 0.05, (frames, 3))
-    return np.asarray(np.sin(t / 3.0) + 0.5 * np.sin(t / 7.0) + noise, dtype=np.float64)
+    return np.sin(t / 3.0) + 0.5 * np.sin(t / 7.0) + noise
 
 
 @pytest.mark.parametrize("late", [2.5, -2.5])
@@ -205,7 +205,7 @@ def pairs() -> Pairs:
 
 
 def failed(folder: Path, **options: float) -> set[str]:
-    return {check.name for check in examine(folder, frames=COUNT, **options).checks if not check.ok}  # type: ignore[arg-type]
+    return {check.name for check in examine(folder, frames=COUNT, **options).checks if not check.ok}
 
 
 def turned(rig: StereoRig, degrees: tuple[float, float, float]) -> StereoRig:

@@ -54,7 +54,7 @@ def walk(watched: SensorsWatch, late_s: float = 0.0, moved: SE3 = AS_THEY_ARE, s
     """Both sensors see a walker from their side; the clock of the second is late, and its pose is moved."""
     for time_s in np.arange(0.0, seconds, 0.2):
         north = person(*walker_m(time_s))
-        south = np.asarray(moved @ person(*walker_m(time_s - late_s), side=1.0))
+        south = moved @ person(*walker_m(time_s - late_s), side=1.0)
         watched.update(time_s, [foreground(north), foreground(south)])
 
 

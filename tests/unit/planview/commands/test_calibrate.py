@@ -94,7 +94,7 @@ def test_camera_is_written_for_the_image_size_of_the_file(people, json_of):
     out = people.parent / "out" / "camera.toml"
     printed = json_of(*HUMAN, people, "--lens", "normal-wide", "--out", out)
     camera = load_ground_camera(out)
-    assert camera.std is not None and camera.std.from_camera == printed["from_camera_std"]
+    assert camera.std.from_camera == printed["from_camera_std"]
     assert camera.size == (640, 480) and printed["height_m"] == camera.height_m == pytest.approx(4.0, rel=0.01)
     assert sorted(p.name for p in out.parent.iterdir()) == ["camera.png", "camera.toml"]
 

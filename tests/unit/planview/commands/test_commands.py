@@ -196,12 +196,6 @@ def test_bad_options_get_one_sentence(folder, monkeypatch, refused, words, sente
     assert sentence in refused("count", "tracks.csv", "--rules", "rules.toml", *words, status=status)
 
 
-def test_tracks_without_rows_count_nothing(folder, json_of):
-    (folder / "tracks.csv").write_text("frame,timestamp_s,id,x_m,y_m,state\n")
-    rules = json_of("count", folder, "--rules", folder / "rules.toml", "--fps", 10)["rules"]
-    assert (rules["door"]["left_to_right"], rules["room"]["mean_occupancy"]) == (0, 0.0)
-
-
 def test_tracks_without_times_are_refused_without_a_rate(folder, refused):
     (folder / "tracks.csv").write_text("frame,id,x_m,y_m\n0,1,0.5,1\n1,1,0.6,1\n")
     for words in (("count", folder, "--rules", folder / "rules.toml"), ("export", folder, "--to", "csv")):
@@ -233,7 +227,7 @@ def recording(folder: Path) -> Path:
 
 def inspected(path: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
     check(path, quick=True, json=True)
-    found: dict[str, object] = json.loads(capsys.readouterr().out)
+    found = json.loads(capsys.readouterr().out)
     return found
 
 

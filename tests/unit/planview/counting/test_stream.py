@@ -28,7 +28,7 @@ def analytics(**params: float) -> Analytics:
 
 def feed(counter: Analytics, rows: Sequence[Row]) -> list[Event]:
     """Rows of frame, id, x, y, state."""
-    events: list[Event] = []
+    events = []
     for frame in sorted({row[0] for row in rows}):
         tracks = [TrackState(i, state, x, y) for f, i, x, y, state in rows if f == frame]
         events += counter.update(frame, frame / 10, tracks)
@@ -64,7 +64,7 @@ WAYS: dict[str, tuple[list[Row], list[tuple[int, str]]]] = {
         [*way(DOWN[:15], track_id=-4, state="tentative"), *way(DOWN[15:], track_id=3, start=15)], [(3, RIGHT)],
     ),
     "past the end of the line": (way(DOWN, x=2.1), []),
-    "round the end and back over it": ([*AROUND, *way(DOWN[::-1], start=5)], [(1, LEFT)]),  # type: ignore[list-item]
+    "round the end and back over it": ([*AROUND, *way(DOWN[::-1], start=5)], [(1, LEFT)]),
     "prediction": ([*way(DOWN[:8]), *way(DOWN[8:], start=8, state="lost")], []),
     "lost before and found after": (
         [*way(DOWN[:8]), *way(DOWN[8:14], start=8, state="lost"), *way(DOWN[14:], start=14)], [(1, RIGHT)],
@@ -187,7 +187,7 @@ def test_lines_in_pixels_are_crossed_by_the_foot_of_the_box():
 
     def events(bottoms: Sequence[float]) -> list[str]:
         counter = Analytics(rules, AnalyticsParams(hysteresis_m=0.25, min_age_s=0.0))
-        found: list[str] = []
+        found = []
         for i, bottom in enumerate(bottoms):
             track = TrackState(1, "confirmed", box_px=(90.0, bottom - 170.0, 20.0, 170.0))  # 100 px per metre
             found += [e.direction for e in counter.update(i, i / 10, [track])]

@@ -20,7 +20,7 @@ GREY: U8 = np.full((480, 640, 3), 128, dtype=np.uint8)
 
 
 def has(picture: U8, colour: tuple[int, int, int]) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    return np.asarray((picture == as_bgr(colour)).all(axis=2))
+    return (picture == as_bgr(colour)).all(axis=2)
 
 
 RGB = np.array([person_rgb(i) for i in range(1, 60)], dtype=float)
@@ -88,7 +88,7 @@ def test_plan_view_shows_a_person_at_the_place_within_a_margin():
 def test_a_line_without_a_head_shows_the_axis_of_somebody_who_may_be_back_to_front():
     person = TrackState(4, "confirmed", 1.0, 5.0, facing_deg=90.0, facing_confidence=0.89)
     line = facing_line(person)
-    assert line is not None and line.tolist() == [[1.0, 5.0 - AXIS_M], [1.0, 5.0 + AXIS_M]]
+    assert line.tolist() == [[1.0, 5.0 - AXIS_M], [1.0, 5.0 + AXIS_M]]
     painter = PlanPainter(PlanBounds(0, 4, 2, 6), (200, 200))
     seen = has(painter(Snapshot(0, 0.0, [person])), person_rgb(4))
     assert seen[70, 100] and seen[130, 100] and not seen[75, 95:99].any()  # no barbs of an arrow
@@ -97,7 +97,7 @@ def test_a_line_without_a_head_shows_the_axis_of_somebody_who_may_be_back_to_fro
 def test_arrow_points_from_a_person_to_where_the_chest_does():
     person = TrackState(4, "confirmed", 1.0, 5.0, facing_deg=90.0)
     arrow = facing_line(person)
-    assert arrow is not None and arrow.tolist() == [[1.0, 5.0], pytest.approx([1.0, 5.0 + ARROW_M])]
+    assert arrow.tolist() == [[1.0, 5.0], pytest.approx([1.0, 5.0 + ARROW_M])]
     assert facing_line(TrackState(4, "confirmed", 1.0, 5.0)) is None
     above = has(PlanPainter(PlanBounds(0, 4, 2, 6), (200, 200))(Snapshot(0, 0.0, [person])), person_rgb(4))
     assert above[60, 100] and not above[140, 100] and not above[100, 140]  # up is y

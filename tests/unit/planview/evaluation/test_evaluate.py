@@ -225,7 +225,6 @@ def test_evaluate_scores_the_frames_of_the_run_as_its_report_does(files, json_of
     write_run_info(info, folder / "run.json")
     result = json_of("evaluate", folder)
     scores = scores_of(RunFolder(folder))
-    assert scores is not None
     printed = scores.to_json()
     assert result["duration_s"] == pytest.approx(2.5, abs=0.01) and result["misses"] == 15
     assert {key: result[key] for key in printed} == printed

@@ -123,8 +123,8 @@ def _wild_sequence(seed: int) -> Sequence:
     rng = np.random.default_rng(seed)
     place, step = rng.uniform(-2, 2, (6, 2)), rng.normal(0, 0.05, (6, 2))
     names, fresh = list(range(1, 7)), 7
-    truth: list[tuple[float, ...]] = []
-    tracks: list[tuple[float, ...]] = []
+    truth = []
+    tracks = []
     for t in range(60):
         place += step
         for i in range(6):

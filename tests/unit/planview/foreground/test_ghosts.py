@@ -71,7 +71,7 @@ def test_person_there_at_the_start_leaves_no_ghost_even_if_a_tracker_protects_it
     tracker = EllipseParticleTracker()
     camera, clock = CameraSensor(SingleCameraParams(), GHOST_SHAPE[::-1], tracker), StageClock()
     protected = np.ones(GHOST_SHAPE, np.uint8)  # PERSON everywhere: nothing would be learned
-    tracker.feedback = lambda: protected  # type: ignore[method-assign]
+    tracker.feedback = lambda: protected
     masks = []
     for k in range(60):
         image = np.repeat(scene(BODY)[:, :, None] if k < 5 else scene()[:, :, None], 3, axis=2)

@@ -178,7 +178,7 @@ def test_viewer_sends_no_statistics(monkeypatch):
 
 
 def test_web_view_listens_on_this_machine_only(tmp_path, monkeypatch, caplog):
-    called: list[list[str]] = []
+    called = []
 
     def started(words: list[str], **_: object) -> SimpleNamespace:
         called.append(words)

@@ -8,7 +8,6 @@ import pytest
 from toy_people import confirmed
 
 from calib.errors import InputError
-from calib.types import F64
 from planview.tracking.base import LifeCycle, Observation
 from planview.tracking.detections import DetectionParams, DetectionTracker
 from planview.tracking.kalman import FloorKalman
@@ -181,7 +180,7 @@ def test_boxes_of_a_detector_are_read_from_every_format(tmp_path):
         {"image_id": 1, "category_id": 3, "bbox": [0, 0, 9, 9], "score": 0.5},  # a car
     ]
     (tmp_path / "det.json").write_text(json.dumps(entries))
-    expected: list[F64] = [np.array([[11, 21, 31, 61, 0.5]]), np.array([[10, 20, 30, 60, 0.9]])]
+    expected = [np.array([[11, 21, 31, 61, 0.5]]), np.array([[10, 20, 30, 60, 0.9]])]
     for name in ("det.txt", "det.json"):
         found = load_detections(tmp_path / name)
         assert found.scored and len(found.frames) == 2

@@ -180,7 +180,7 @@ def test_errors_are_pictured_in_the_rows_of_their_people():
 
 def decoded(uri: str) -> U8:
     data = base64.b64decode(uri.partition(",")[2])
-    return np.asarray(cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR), dtype=np.uint8)
+    return cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR)
 
 
 def test_pictures_are_of_the_busiest_frame(street):
@@ -198,7 +198,6 @@ def test_scores_are_of_these_tracks(street):
 def test_scene_is_pictured_from_the_recording_opened_again(street):
     results = RunFolder(street)
     scores = scores_of(results)
-    assert scores is not None
     errors = scores.significant
     assert [(error.kind, error.frame) for error in errors] == [("lost", 10)]
     pictures = scene_pictures(results, errors)
