@@ -105,24 +105,6 @@ def library_versions() -> dict[str, str]:
     return versions
 
 
-def digest_of(values: object) -> str:
-    """Digest of plain values, arrays, and lists, mappings and dataclasses of these."""
-    return key_of(_canonical(values))
-
-
-def _canonical(value: object) -> object:
-    """Lists and texts that stand for a value; an array is its digest."""
-    if isinstance(value, np.ndarray):
-        return [value.dtype.str, value.shape, hashlib.sha256(value.tobytes()).hexdigest()]
-    if isinstance(value, dict):
-        return [[_canonical(key), _canonical(held)] for key, held in value.items()]
-    if isinstance(value, list | tuple):
-        return [_canonical(held) for held in value]
-    if is_dataclass(value):
-        return [type(value).__name__, *(_canonical(getattr(value, field.name)) for field in fields(value))]
-    return repr(value)
-
-
 _NO_CONTENT = re.compile("|".join(map(translate, ("truth.csv", "gt.txt", ".*", LOCK_NAME, *PRODUCTS))))
 IMAGES_SAMPLED = 64
 BLOCKS_SAMPLED = 16
@@ -154,8 +136,17 @@ def content_key(path: Path, files: Sequence[Path] | None = None) -> str:
 
 
 def key_of(*parts: object) -> str:
-    """32 hexadecimal digits for JSON values."""
-    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:32]
+    """32 hexadecimal digits for JSON values, and for arrays and dataclasses of these."""
+    return hashlib.sha256(json.dumps(parts, default=_contents, sort_keys=True).encode()).hexdigest()[:32]
+
+
+def _contents(value: Any) -> object:
+    """The digest of an array and the fields of a dataclass; all else in words."""
+    if isinstance(value, np.ndarray):
+        return [value.dtype.str, value.shape, hashlib.sha256(value.tobytes()).hexdigest()]
+    if is_dataclass(value):
+        return [type(value).__name__, *(getattr(value, field.name) for field in fields(value))]
+    return repr(value)
 
 
 def _files_in(path: Path) -> Iterator[Path]:

@@ -120,12 +120,12 @@ class RunSpec:
         identity["version"] = resume.library_versions() | {"planview": resume.code_version()}
         identity["recording"] |= {
             "images": resume.content_key(recording.path, recording.files),
-            "calibration": resume.digest_of(recording.identity),
+            "calibration": resume.key_of(recording.identity),
             "frames": recording.n_frames,
         }
         identity["settings"] |= {"rules": "", "logs": sorted(self.log_names)}
         counts = self.analytics(engine)
         if counts is not None:
             rules = {"rules": replace(counts.rules, source=""), "params": counts.params}
-            identity["settings"]["rules"] = resume.digest_of(rules)
+            identity["settings"]["rules"] = resume.key_of(rules)
         return identity
