@@ -8,7 +8,7 @@ from cyclopts import App, Parameter
 
 from planview.cli import first_lines, main
 
-BENCHMARKS = ("suite", "claims", "real", "jitter", "speed", "counting", "pets", "calibration", "doctor")
+BENCHMARKS = ("suite", "claims", "real", "jitter", "things", "speed", "counting", "pets", "calibration", "doctor")
 
 
 def _shown(value: object) -> str | None:

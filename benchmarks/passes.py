@@ -167,7 +167,8 @@ def _score_row(names: Row, evaluation: Evaluation) -> Row:
     counts = figures["significant_errors"]
     kinds = [f"{kind} {counts[kind]}" for kind in KINDS if counts[kind]]
     row = {**names, "rows": evaluation.sequence.truth_rows, "significant": ", ".join(kinds) or "none"}
-    row |= {key: figures[key] for key in ("events", "mota", "idf1", "switches")}
+    counts_and_shares = "people", "tracked_people", "false_positives", "misses", "events", "mota", "idf1", "switches"
+    row |= {key: figures[key] for key in counts_and_shares}
     row["pos cm"] = _centimetres(figures["position_error_mean_m"])
     row["height cm"] = _centimetres(figures["height_error_mean_m"])
     row["facing deg"] = evaluation.facing.walkers_deg

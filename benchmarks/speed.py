@@ -3,7 +3,6 @@ takes."""
 
 from __future__ import annotations
 
-import io
 import os
 import subprocess
 import sys
@@ -19,7 +18,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pandas
-from rich.console import Console
 
 from benchmarks.options import Report, Row, benchmark, progress, tables
 from benchmarks.passes import bench_engine
@@ -29,7 +27,6 @@ from calib.rig import StereoRig
 from calib.types import U8, AnyArray
 from planview.api.arguments import in_range
 from planview.api.run import run
-from planview.commands.console import Bar
 from planview.engine.config import load_config
 from planview.engine.engine import STAGES, Engine
 from planview.engine.open import TrackerName
@@ -49,8 +46,6 @@ BLOCK_PX = 5
 BARE_DISPARITIES = 64
 WIDE_PX = 640
 """Bare stereo searches so many disparities, and twice as many in images that are wider than this [px]."""
-PROGRESS_S = 2.0
-"""Time for which progress is drawn to see what that costs [s]."""
 STARTS = (("compiles", SETTLED_FRAMES), ("again", SETTLED_FRAMES), ("to the first frame", 1))
 """Runs in a process each, and their frames: one that compiles its kernels, and two whose kernels are there."""
 
@@ -221,12 +216,9 @@ def output_rows(engine: Engine, frames: Sequence[Frame[Shot]]) -> list[Row]:
             result = engine.step(frame)
             tables_ms.append(_processor_ms(partial(files.add, result, ())))
         files.close()
-    with Bar(Console(file=io.StringIO(), force_terminal=True)):
-        progress_ms = _processor_ms(partial(time.sleep, PROGRESS_S)) / PROGRESS_S
     return [
         {"output": "tables, a frame", "ms": float(np.mean(tables_ms))},
         {"output": "report, a run", "ms": report_ms},
-        {"output": "progress, a second", "ms": progress_ms},
     ]
 
 

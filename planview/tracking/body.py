@@ -20,9 +20,10 @@ HEIGHT_MAX_M = 2.10
 """Heights of a head [m], from somebody who sits on the floor to a very tall man who walks."""
 THING_SHARE = 0.1
 """Share of what comes into view that is moved furniture and carried things, of any height up to a person's."""
-THINGS = ((0.0, 0.12, 1.0), (0.0, 0.2, 1.0), (0.0, 0.34, 1.0), (0.85, 0.2, 1.0), (0.0, 0.1, 0.1))
+THINGS = ((0.0, 0.12, 1.0), (0.0, 0.2, 1.0), (0.0, 0.34, 1.0), (0.85, 0.2, 1.0), (0.6, 0.25, 1.0), (0.0, 0.1, 0.1))
 """Shapes of things over the height of their top: where they begin, half breadth, and depth over breadth. Cylinders from
-a pillar to a crate, something carried, with nothing below, and something flat, as what shows of a door's leaf."""
+a pillar to a crate, something thin or thick that is carried, with nothing below, and something flat, as what shows of a
+door's leaf."""
 SPEED_MAX_MPS = 2.5
 """Fastest walk [m/s]: men change to running at 2.0 to 2.5 m/s (Hreljac 1993)."""
 SEEN_STD_M = 0.1

@@ -7,7 +7,7 @@ import math
 
 def probability(log_odds: float) -> float:
     """Probability of these log-odds."""
-    return 1.0 / (1.0 + math.exp(-log_odds))
+    return 1.0 / (1.0 + math.exp(-max(log_odds, -700.0)))
 
 
 def log_odds(share: float) -> float:

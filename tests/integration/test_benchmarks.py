@@ -13,7 +13,7 @@ from toy_run import EMPTY, FEW, FRAMES
 from toy_stereo import walking
 
 Bench = Callable[..., tuple[int, str, str]]
-NAMES = ("suite", "claims", "real", "jitter", "speed", "counting", "pets", "calibration", "doctor")
+NAMES = ("suite", "claims", "real", "jitter", "things", "speed", "counting", "pets", "calibration", "doctor")
 TRUTH = "frame,id,x_m,y_m,height_m\n" + "".join(
     f"{i},1,{walking(i - EMPTY)[0].x_m:.3f},{walking(i - EMPTY)[0].y_m:.3f},1.75\n" for i in range(EMPTY, FRAMES)
 )

@@ -175,8 +175,8 @@ class Proof:
         """Add the evidence of pixels that have not been evidence before; return the share of the body that is new.
 
         A wrong pixel that stays the same is one error, however often it is seen: an observation is as independent
-        of those before it as the share of the body that is new. The first frame adds nothing: the search for the person
-        has spent it.
+        of those before it as the share of the body that is new. The first frame adds nothing to the existence, since
+        the search for the person has spent it, and half of it is new to the shape, whose pose it has chosen.
 
         Args:
             shown: every view, (M,) the person's pixels in it and (M,) the patches that each of them is.
@@ -191,13 +191,14 @@ class Proof:
             fresh: U8 = np.zeros_like(spent)
             fresh.reshape(-1)[pixels] = 1
             fresh[spent > 0] = 0
-            if not first:
-                side = max(1, round(OUTLINE_PATCHES / math.sqrt(per_pixel)))
-                square = np.ones((side, side), np.uint8)
-                fresh = np.asarray(cv2.morphologyEx(fresh, cv2.MORPH_OPEN, square), np.uint8)
-                new_patches += per_pixel * cv2.countNonZero(fresh)
+            side = max(1, round(OUTLINE_PATCHES / math.sqrt(per_pixel)))
+            square = np.ones((side, side), np.uint8)
+            fresh = np.asarray(cv2.morphologyEx(fresh, cv2.MORPH_OPEN, square), np.uint8)
+            new_patches += per_pixel * cv2.countNonZero(fresh)
             spent |= fresh
         new_share = min(new_patches / max(glimpse.patches, 1.0), 1.0)
+        if first:
+            return 0.5 * new_share
         self.log_odds += new_share * max(glimpse.evidence, 0.0)
         return new_share
 
@@ -320,15 +321,10 @@ class Person:
         """Larger for whoever exists more surely; of two equally sure ones, for whoever came first."""
         return self.confirmed, self.log_odds, -abs(self.track_id)
 
-    def move_to(self, x_m: float, y_m: float, height_m: float) -> None:
-        """Jump to another place and height, speed and deviations unchanged."""
-        self.kalman = self.kalman.move_to(x_m, y_m)
-        self.height_m = height_m
-
     def take_pose(self, pose: F64) -> None:
         """Jump to another place and posture (5,), speed and deviations unchanged."""
-        *place, self.stance.facing_rad, self.stance.lean_m = pose.tolist()
-        self.move_to(*place)
+        x_m, y_m, self.height_m, self.stance.facing_rad, self.stance.lean_m = pose.tolist()
+        self.kalman = self.kalman.move_to(x_m, y_m)
 
     def measure_height(self, height_m: float, information: float) -> None:
         """Take over the height of the pose that explains best; ``information`` on it [1/m^2]."""

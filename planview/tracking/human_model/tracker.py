@@ -262,7 +262,8 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
         for person, pose in zip(self._people, poses, strict=True):
             x_m, y_m, height_m, *_ = pose.tolist()
             if (x_m, y_m, height_m) != (*person.at_m, person.height_m):
-                person.move_to(x_m, y_m, height_m)
+                person.kalman = person.kalman.move_to(x_m, y_m)
+                person.height_m = height_m
                 self._life.note(person, "recentred", f"accounts for more at {x_m:.2f}, {y_m:.2f} m")
         matches = match_hulls([self._hull(newcomer) for newcomer in born], frame.kind == SURFACE)
         for newcomer, match in zip(born, matches, strict=True):

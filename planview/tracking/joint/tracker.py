@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from calib.floor_camera import FloorCamera
 from calib.types import F32, F64, U8, Bool
 from planview.maps.view import View
 from planview.tracking import body
@@ -106,7 +105,11 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         self._add_newcomers(frame, owners, predicted)
         if not damaged:  # else outlines may be as wrong as colours
             self._recognise(coloured)
-        return self._states(observation.camera)
+        boxes = person_boxes(observation.camera, [(*person.at_m, person.height_m) for person in self._people])
+        states = []
+        for person, box_px in zip(self._people, boxes, strict=True):
+            states.append(self._state(person, box_px, (self._confidence(person), person.head_std_m)))
+        return tuple(states)
 
     def _expects_colours(self, frame: Explanation) -> bool:
         """True if colours distinguish people in this frame, or did a moment ago and will again."""
@@ -127,13 +130,16 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             pose = people.poses[i]
             neighbours = np.flatnonzero(shared[i])
             evidence = float(fits.evidence[i])
-            rival = self._rival(i, people)
-            if rival >= 0:
+            rival = _in_the_place_of(i, people)
+            if rival >= 0 and self._people[rival].seniority > person.seniority:
                 both, alone = self._compare_with_rival(i, rival, samples.person(rival), people)
                 evidence = min(evidence, both)
                 if both < 0.0 and alone[2] > people.poses[rival, 2] + body.HEIGHT_STD_M:
                     upright.append((self._people[rival], alone))
-            person.glimpse = _glimpse(frame, person, pose, evidence, fits.patches[i])
+            inside_share = min(1.0, float(fits.patches[i, 2]) / frame.whole_patches(pose))
+            head_in_view = frame.shows_height(pose, person.height_m, person.identity.stature.std_m)
+            shared_std_m = frame.shared_std_m(pose)
+            person.glimpse = Glimpse.of(evidence, fits.patches[i], inside_share, head_in_view, shared_std_m)
             self._measure(person, samples.person(i), pose, fits.curvature[i], fits.by_facing[i], dt_s)
             at_border = person.glimpse.inside_share < INSIDE
             stays_s = body.LEAVE_S if at_border else self.params.stay_s
@@ -142,7 +148,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
                 self._count_signs(person, alone=len(neighbours) == 0)
             self._note_match(person, [self._people[k] for k in neighbours])
         for person, pose in upright:  # one upright body explains more than a low one and another
-            person.move_to(*pose[:3].tolist())
+            person.take_pose(pose)
         return samples
 
     def _count_signs(self, person: Person, alone: bool) -> None:
@@ -166,13 +172,6 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         if neighbours:
             reason += ", next to " + ", ".join(str(neighbour.track_id) for neighbour in neighbours)
         self._life.note(person, kind, reason, glimpse.evidence)
-
-    def _rival(self, i: int, people: People) -> int:
-        """Index of the more established person in whose place this one stands; -1 for none."""
-        nearest = _in_the_place_of(i, people)
-        if nearest < 0 or self._people[nearest].seniority <= self._people[i].seniority:
-            return -1
-        return nearest
 
     def _explains_in_another_posture(self, frame: Explanation, newcomer: Person) -> bool:
         """True if the person in whose place a newcomer would stand explains the pixels as well alone, in another
@@ -220,9 +219,9 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         self, views: Sequence[View], owners: Sequence[Owners], samples: Samples, people: People, shared: Bool
     ) -> None:
         """Add the pixels of each newcomer to the evidence that it is a person and no thing."""
-        for i, person in enumerate(self._people):
-            if person.confirmed:
-                continue
+        confirmed = np.array([person.confirmed for person in self._people], np.bool_)
+        for i in np.flatnonzero(~confirmed).tolist():
+            person = self._people[i]
             pixels = []
             for view, in_view in zip(views, owners, strict=True):
                 mine = in_view.owner == i
@@ -230,7 +229,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             new_share = person.proof.count(pixels, person.glimpse)
             if new_share and self._is_visible(person):  # a thing that stands shows nothing new
                 own = samples.person(i)
-                own.lay_others(people, np.flatnonzero(shared[i]))
+                own.lay_others(people, np.flatnonzero(shared[i] & confirmed))  # newcomers may be parts of one thing
                 shape = own.against_things(people.poses[i], people.statures[i])
                 if not person.glimpse.head_in_view:  # a body without its head may look as flat as any thing
                     shape = np.maximum(shape, 0.0)
@@ -304,7 +303,8 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             coloured: colours show, or will again.
         """
         newcomers = [person for person in self._people if not person.confirmed]
-        sure = [person for person in newcomers if self._is_visible(person) and self._is_person(person)]
+        report = self.params.report
+        sure = [person for person in newcomers if self._is_visible(person) and self._confidence(person) > report]
         in_doubt: list[Person] = []
         for match in self._match(sure, self.params.floor_m2):  # before those who may be nobody
             if match.log_odds > KNOWN_LOG_ODDS:
@@ -319,10 +319,6 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         for match in self._match(unconfirmed, self.params.floor_m2):
             if match.log_odds > KNOWN_LOG_ODDS:
                 self._continue(match)
-
-    def _is_person(self, newcomer: Person) -> bool:
-        """True if a newcomer is surely there and no thing."""
-        return self._confidence(newcomer) > self.params.report
 
     def _confidence(self, person: Person) -> float:
         """Probability that a person is there: of a newcomer, by independent evidence as well, and of no thing."""
@@ -344,14 +340,6 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         density = walking * math.exp(moved) + (1 - LOW_WALKERS) * low
         return shape + math.log((1 - body.THING_SHARE) * density / (body.THING_SHARE / body.HEIGHT_MEAN_M))
 
-    def _states(self, camera: FloorCamera | None) -> tuple[TrackState, ...]:
-        """Report everybody, with a box in the image."""
-        boxes = person_boxes(camera, [(*person.at_m, person.height_m) for person in self._people])
-        states = []
-        for person, box_px in zip(self._people, boxes, strict=True):
-            states.append(self._state(person, box_px, (self._confidence(person), person.head_std_m)))
-        return tuple(states)
-
 
 def _in_the_place_of(i: int, people: People) -> int:
     """Index of the person in whose place this one stands; -1 for none."""
@@ -359,10 +347,3 @@ def _in_the_place_of(i: int, people: People) -> int:
     gaps[i] = math.inf
     nearest = int(np.argmin(gaps))
     return nearest if gaps[nearest] < body.APART_M else -1
-
-
-def _glimpse(frame: Explanation, person: Person, pose: F64, evidence: float, patches: F64) -> Glimpse:
-    """Glimpse of a person by the pose that explains best and its (3,) patches (``Samples.visible_patches``)."""
-    inside_share = min(1.0, float(patches[2]) / frame.whole_patches(pose))
-    head_in_view = frame.shows_height(pose, person.height_m, person.identity.stature.std_m)
-    return Glimpse.of(evidence, patches, inside_share, head_in_view, frame.shared_std_m(pose))
