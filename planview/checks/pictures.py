@@ -7,21 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.images import as_colour, as_grey, write_image
+from calib.images import as_colour, write_image
 from calib.rig import Floor
 from calib.types import U8
 from planview.checks.heights import heights_above_floor
 from planview.drawing.style import Entry, Rgb, as_bgr, disparity_colours, with_legend
 from stereo.depth import back_project, median_image
 from stereo.floor import DepthFrames, PairFrames
-from stereo.matcher import SATURATED_LEVEL
 
 LINE_STEP_PX = 25
 FLOOR_BAND_M = 0.10
 ROW: Rgb = (0, 220, 0)
 ABOVE: Rgb = (230, 40, 40)
 BELOW: Rgb = (60, 90, 255)
-SATURATED: Rgb = (255, 0, 255)
 FAR: Rgb = (48, 18, 59)
 NEAR: Rgb = (122, 4, 3)
 """Ends of the colours of disparity."""
@@ -31,16 +29,14 @@ def write_pictures(seen: PairFrames | DepthFrames, floor: Floor | None, folder: 
     """Write PNG pictures of the frame in the middle of the recording.
 
     Returns:
-        ``rows.png`` (of a pair: rectified, with horizontal lines and matched corners), ``disparity.png``, ``floor.png``
-        (what lies on the floor green, above it red, below it blue) and ``exposure.png`` (saturated pixels magenta).
+        ``rows.png`` (of a pair: rectified, with horizontal lines and matched corners), ``disparity.png`` and
+        ``floor.png`` (what lies on the floor green, above it red, below it blue).
     """
     folder.mkdir(parents=True, exist_ok=True)
     middle = len(seen.frames) // 2
-    recorded = seen.sensor.images(seen.frames[middle].images)
     pictures = {
         "disparity.png": _disparity_picture(seen, middle),
         "floor.png": floor_picture(seen, floor),
-        "exposure.png": np.hstack([_exposure_picture(as_grey(image)) for image in recorded]),
         **row_pictures(seen, middle),
     }
     for name, picture in pictures.items():
@@ -90,9 +86,3 @@ def floor_picture(seen: PairFrames | DepthFrames, floor: Floor | None) -> U8:
     for band, mask in bands.items():
         picture[mask] = (0.5 * picture[mask] + 0.5 * np.array(as_bgr(band.colour))).astype(np.uint8)
     return with_legend(picture, [*bands, Entry((255, 255, 255), "no tint: depth unknown")])
-
-
-def _exposure_picture(image: U8) -> U8:
-    picture = as_colour(image).copy()
-    picture[image >= SATURATED_LEVEL] = as_bgr(SATURATED)
-    return with_legend(picture, [Entry(SATURATED, f"saturated: {SATURATED_LEVEL:.0f} or brighter")])

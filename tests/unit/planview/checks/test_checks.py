@@ -375,7 +375,7 @@ def test_command_prints_json_although_checks_fail(tmp_path, pairs, capsys):
     assert result["ok"] is False and {"name", "ok", "value", "unit", "limit"} <= result["checks"][0].keys()
     assert "left-right order" in printed.err
     names = {p.name for p in (tmp_path / "pictures").iterdir()}
-    assert names == {"rows.png", "disparity.png", "floor.png", "exposure.png"}
+    assert names == {"rows.png", "disparity.png", "floor.png"}
 
 
 def test_the_verdict_names_what_failed_before_what_is_a_warning():
