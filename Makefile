@@ -6,7 +6,7 @@ TOOLS := $(VENV)/.tools-installed
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 KERNELS := out/.kernels
 
-.PHONY: demo test test-all check docs commands wheel-check lock clean setup
+.PHONY: demo test test-all check docs commands pictures wheel-check lock clean setup
 
 setup: $(STAMP)
 
@@ -49,6 +49,10 @@ docs: $(TOOLS)
 	$(BIN)/python tools/reference.py
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 	@echo "open out/site/index.html, or: $(BIN)/mkdocs serve"
+
+# Every picture of README.md and docs/; DATA=FOLDER has the recordings that are not in the repository.
+pictures: $(KERNELS)
+	$(BIN)/python tools/pictures.py $(if $(DATA),--data $(DATA))
 
 # Every command of the documents that needs only the demo clip; out/commands.md has what they print.
 commands: $(KERNELS)

@@ -61,8 +61,7 @@ def print_evaluation(result: Evaluation, title: str, *, listed: bool = True, eve
     figures, and position errors by group."""
     values = result.to_json()
     shown = values.keys() - HEADLINE if every else PUBLISHED
-    hidden = f"{values['ignored_rows']:,} too hidden, ignored"
-    lines = [f"{title}: {result.headline}", f"{values['truth_rows']:,} positions in the truth ({hidden})"]
+    lines = [f"{title}: {result.headline}"]
     lines.append(aligned(evaluation_rows({name: value for name, value in values.items() if name in shown})))
     if every:
         lines += [GROUPS_NOTE, _groups_text(values)]

@@ -217,9 +217,9 @@ class Evaluation:
     @property
     def headline(self) -> str:
         """The figures that matter most, in one line."""
+        rows = self.sequence.truth_rows
         people = f"{_counted(self.sequence.n_truth, 'person', 'people')} in the truth"
-        if self.ignored_rows and not self.sequence.truth_rows:
-            people += f" (all {self.ignored_rows:,} rows hidden)"
+        people += f" ({rows:,} of {rows + self.ignored_rows:,} positions judged)"
         if self.cause is not None:
             people += f" (do they fit if {self.cause.names}?)"
         parts = [people, f"{self.tracked_people} tracked"]
@@ -229,8 +229,10 @@ class Evaluation:
         for name, mean_m in (("position", self.position_error_mean_m), ("height", self.height_error_mean_m)):
             if mean_m is not None:
                 parts.append(f"{name} error {100 * mean_m:.1f} cm")
-        parts.append(_counted(self.switches, "switch", "switches"))
-        parts.append(_counted(len(self.significant), "significant error", "significant errors"))
+        parts.append(_counted(self.switches, "switch of any length", "switches of any length"))
+        parts.append(
+            _counted(len(self.significant), "significant error of 1 s or more", "significant errors of 1 s or more")
+        )
         return ", ".join(parts)
 
     def _repr_html_(self) -> str:

@@ -48,6 +48,8 @@ ALONE_PX = (960, 720)
 """Size of the floor where there is no image."""
 PLAN_SHARE = 0.75
 """Width of the floor as a share of the height of the image next to it."""
+MARKS = "arrow: faces there; bar: faces along it, either way; thin box: hidden; black: the truth"
+"""Legend of pictures with people who face somewhere."""
 _INK = (40, 40, 40)
 _BACK = (255, 255, 255)
 
@@ -110,7 +112,10 @@ class SceneComposer:
                 title = "   ".join([title, *counts])
         header = blank(HEADER_PX, picture.shape[1])
         write_text(header, title, HEADER_PX - 10, 0.5)
-        whole = np.vstack([header, picture])
+        legend = blank(LINE_PX, picture.shape[1])
+        if np.isfinite(self._results.tracks.facing_deg).any():
+            write_text(legend, MARKS, LINE_PX - 7, 0.42)
+        whole = np.vstack([header, picture, legend])
         return np.ascontiguousarray(whole[: whole.shape[0] // 2 * 2, : whole.shape[1] // 2 * 2])
 
     def _title(self, frame: int) -> str:

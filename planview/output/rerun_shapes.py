@@ -251,7 +251,7 @@ def blueprint(engine: Engine, people: PlanBounds | None = None) -> rrb.Blueprint
 
 def _views_of_depth(engine: Engine, people: PlanBounds | None) -> rrb.Vertical:
     bounds = people or shown_floor(engine.stereo)
-    first = rrb.Spatial2DView(origin="image", name="image, foreground, people")
+    first = rrb.Spatial2DView(origin="image", name="people (arrow: faces there, bar: along it) and foreground (red)")
     others = [rrb.Spatial2DView(origin=f"{name}/image", name=name) for name in [*engine.rigs][1:]]
     image = rrb.Tabs(first, *others, active_tab=0) if others else first
     world = _floor_view("3D", bounds, (0.0, -0.75, 0.55), "world")

@@ -1,5 +1,6 @@
 """The demo clip: ``planview demo`` and ``view``, at half its rate, and checks that it passes."""
 
+import json
 import re
 import shutil
 import sys
@@ -12,6 +13,7 @@ import pytest
 from toy_run import EMPTY, FRAMES
 from toy_stereo import walking
 
+import planview
 from planview.checks.examine import examine
 from planview.cli import main
 from planview.engine.config import Config
@@ -23,6 +25,7 @@ from planview.synthetic.assets import DEMO
 from planview.trajectories.table import TrajectoryCollector, read_truth
 from stereo.readers import open_recording
 from stereo.recording import Frame, Recording, Shot, StereoPair
+from tools.pictures import FACTS, demo_facts
 
 
 def test_demo_prints_the_metrics_of_its_clip(recording, tmp_path, monkeypatch, json_of):
@@ -48,6 +51,12 @@ def test_readme_shows_what_the_demo_prints(tmp_path, monkeypatch, capsys):
         main(["demo"])
     printed = "\n".join(line.rstrip() for line in capsys.readouterr().out.splitlines())
     assert set(without_times(block[1]).splitlines()) <= set(without_times(printed).splitlines())
+
+
+@pytest.mark.slow
+def test_pictures_of_the_documents_show_whom_a_run_finds():
+    facts = json.loads(FACTS.read_text("utf-8"))
+    assert facts | demo_facts(planview.run(DEMO)) == facts
 
 
 def without_times(text: str) -> str:

@@ -238,12 +238,6 @@ def differing_settings(runs: Sequence[RunInfo]) -> list[tuple[str, list[str]]]:
     for name in names:
         values = [table.get(name) for table in tables]
         if any(value != values[0] for value in values):
-            rows.append((name.removeprefix("config."), _distinct_texts(values)))
+            texts = ["-" if value is None else str(value) for value in values]
+            rows.append((name.removeprefix("config."), texts))
     return rows
-
-
-def _distinct_texts(values: Sequence[JsonValue]) -> list[str]:
-    """Values as text: "-" for none, and numbers with all digits only where fewer would look the same."""
-    short = [f"{value:.5g}" if isinstance(value, float) else str(value) for value in values]
-    texts = short if len(set(short)) > 1 else list(map(str, values))
-    return ["-" if value is None else text for value, text in zip(values, texts, strict=True)]

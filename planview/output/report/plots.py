@@ -105,13 +105,14 @@ ROWS_MAX = 60
 
 def identity_pictures(run: RunFolder, errors: Sequence[SignificantError]) -> list[Picture]:
     """A row per track, then a row per true person, with a triangle for each error."""
-    shown = run.tracks.where(run.tracks.state != "tentative")
+    is_person = np.isin(run.tracks.track_id, run.people)
+    shown = run.tracks.where(is_person & (run.tracks.state != "tentative"))
     truth = run.truth
     if not len(shown):
         return []
     of_tracks = [(error.track_id, error) for error in errors if error.truth_id is None]
     png = _plot_bars(shown, shown.track_id, shown.state == "lost", run.clock, of_tracks, "")
-    note = "A row per track, thin where only predicted."
+    note = "A row per person, thin where only predicted."
     pictures = [picture("Identities over time", png, note, keep_colours=True)]
     if truth is not None and len(truth):
         of_people = [(error.truth_id, error) for error in errors if error.truth_id is not None]

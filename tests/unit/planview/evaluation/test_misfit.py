@@ -124,4 +124,4 @@ def test_an_evaluation_says_what_would_explain_it(change, said):
 
 def test_an_evaluation_says_that_all_rows_are_hidden():
     scores = evaluate_tracks(TRUTH, replace(TRUTH, visible=np.zeros(len(TRUTH))))
-    assert f"all {len(TRUTH)} rows hidden" in scores.headline
+    assert f"0 of {len(TRUTH)} positions judged" in scores.headline

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from toy_tracks import positions_table
 
+import planview
 from calib.errors import InputError, WorkError
 from calib.types import U8
 from planview.engine.config import Config
@@ -173,7 +174,7 @@ def test_errors_are_pictured_in_the_rows_of_their_people():
     tracks = table([(frame, 3, 0.0) for frame in range(5)])
     truth = table([(frame, 7, 0.0) for frame in range(10)])
     error = SignificantError("lost", 5, 7, 3, 0.5, "visible")
-    run = SimpleNamespace(tracks=tracks, truth=truth, clock=Clock(tracks, 10.0))
+    run = SimpleNamespace(tracks=tracks, truth=truth, clock=Clock(tracks, 10.0), people=[3])
     (tracked, true), (plain_tracked, plain_true) = identity_pictures(run, [error]), identity_pictures(run, [])
     assert tracked == plain_tracked and true.data != plain_true.data
 
@@ -242,8 +243,13 @@ def test_settings_that_differ_have_all_their_digits():
     assert rows == [("tracker", ["joint", "template"]), ("grid.cell_m", ["0.03", "0.030001"])]
 
 
-def test_settings_that_differ_widely_have_no_more_digits_than_show_it():
-    one, other = (full_info().model_copy(update={"fps": fps}) for fps in (15.000000178997617, 10.0))
-    assert differing_settings([one, other]) == [("fps", ["15", "10"])]
-    close = one.model_copy(update={"fps": 15.0})
-    assert differing_settings([one, close]) == [("fps", ["15.000000178997617", "15.0"])]
+def test_report_plot_export_and_repr_count_the_same_people(tmp_path):
+    write_tracks(tmp_path)
+    with (tmp_path / "tracks.csv").open("a") as file:
+        file.write("29,2.9,3,3,1,1.7,confirmed\n")  # for too short to be somebody
+    tracks = planview.read_tracks(tmp_path / "tracks.csv")
+    exported = planview.export(tmp_path, "pedpy", out=tmp_path / "pedpy.txt")
+    page = write_report(tmp_path).read_text()
+    assert exported.values["people"] == 2 and "of 2 people" in repr(tracks)
+    assert len(planview.plot(tracks).axes[0].get_legend().get_texts()) == 2
+    assert page.count("<summary>") == 2
