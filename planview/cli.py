@@ -53,6 +53,7 @@ def make_app(words: Sequence[str] = ()) -> App:
         help_epilogue="Exit status: 0 done, 1 the work failed, 2 wrong usage or bad input, 130 interrupted.",
         version=lambda: version("planview"),
         version_flags=["--version", "-v"],
+        group_parameters="Options",
         default_parameter=Parameter(negative_iterable=(), show_default=_default),
         suppress_keyboard_interrupt=False,
     )
@@ -76,6 +77,9 @@ def completion(shell: Literal["bash", "zsh", "fish"], /) -> None:
     """Print a script that completes commands and options in a shell.
 
     Example: planview completion bash > ~/.local/share/bash-completion/completions/planview
+
+    Args:
+        shell: The shell that the script is for.
     """
     print(make_app().generate_completion(prog_name="planview", shell=shell))
 

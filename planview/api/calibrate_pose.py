@@ -215,8 +215,8 @@ def human(
     values |= {"height_std_m": std.height * camera.height_m, "focal_std_px": std.focal * camera.focal_px}
     values |= {"tilt_std_deg": std.tilt_deg, "roll_std_deg": std.roll_deg}
     values |= {"relative_std": std.relative, "from_camera_std": std.from_camera}
-    values |= plain_values(found.assessment, "enough", "sentence")
-    if found.assessment.next_sample is not None:
+    values |= {"enough": found.assessment.enough, "verdict": found.assessment.sentence}
+    if found.assessment.next_sample:
         values["next_sample_px"] = found.assessment.next_sample
     values |= plain_values(found, "error", "boxes_only")
     values |= {"samples": len(taken), "odd_samples": [number + 1 for number in found.odd]}

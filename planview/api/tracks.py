@@ -151,8 +151,8 @@ def export(
         tracks: Folder of a run, its tracks.csv, or trajectories in any of the formats; with ``cloud`` the folder of a
             run whose recording is still where it was, or a recording.
         to: Format to write.
-        out: File to write; next to the tracks by default, named after the format. - writes JSON lines to standard
-            output.
+        out: File to write; next to the tracks by default, named after the format. A dash (-) stands for standard
+            output, which takes JSON lines.
         unit: Unit of a PedPy text file.
         fps: Frame rate written; that of the timestamps by default.
         area: Walkable area as well-known text in metres, or a file with it, e.g. "POLYGON ((0 0, 4 0, 4 3, 0 3, 0 0))";

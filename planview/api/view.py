@@ -10,7 +10,7 @@ from planview.output.viewer import PORT, WEB_PORT, open_viewer
 def view(run: Path | str, *, port: int = PORT, web: bool = False, web_port: int = WEB_PORT) -> None:
     """Open a run in the rerun viewer.
 
-    It listens on this machine only and sends no usage statistics. This call returns when the viewer is closed.
+    It listens on this machine only, sends no usage statistics, and is waited for until it is closed.
 
     ```python
     planview.view("out")
