@@ -15,7 +15,6 @@ from planview.output.report.page import differing_settings, write_report
 from planview.output.run_folder import RunFolder
 from planview.progress import Progress, unseen
 from planview.trajectories.formats import load_truth, tracks_file, truth_file
-from planview.trajectories.plot import Colouring
 from planview.trajectories.table import Trajectories
 
 if TYPE_CHECKING:
@@ -60,7 +59,6 @@ def plot(
     *runs: Trajectories | DataFrame | Path | str,
     out: Path | str | None = None,
     truth: Path | str | None = None,
-    colour: Colouring = "id",
     what: Sequence[Panel] = (),
 ) -> Figure:
     """Plot paths on the floor, speeds and counts of one or several runs.
@@ -74,7 +72,6 @@ def plot(
         runs: Folders of runs, their tracks.csv, or trajectories in a format of planview export.
         out: Picture to write (.png, .svg or .pdf); plot.png in the folder of the first run when not given.
         truth: True people (truth.csv, or what planview evaluate reads), drawn as thin dashed lines.
-        colour: What colours stand for in a plot of one run.
         what: Plots to draw; can be repeated. [default: paths, speed and count]
 
     Returns:
@@ -85,7 +82,6 @@ def plot(
     """
     if not runs:
         raise InputError("plot needs the folder of a run")
-    one_of("colour", colour, get_args(Colouring))
     for panel in what:
         one_of("what", panel, get_args(Panel))
     given = [given_tracks(run) for run in runs]
@@ -95,7 +91,7 @@ def plot(
     known = None if truth is None else load_truth(truth_file(Path(truth)) or Path(truth))
     folder = given[0].run
     floor = floor_picture(folder) if folder and len(runs) == 1 and what else None
-    figure = figure_of(tables, known, colour, what or PANELS, floor)
+    figure = figure_of(tables, known, what or PANELS, floor)
     if path := plot_file(*runs, out=path_of(out)):
         save_figure(figure, path)
     return figure

@@ -26,7 +26,7 @@ JSON = {"json": "Print one JSON object to standard output."}
 """The switch of commands whose result can be printed for programs."""
 QUIET = {"quiet": "Show no progress."}
 """The switch of commands that take long."""
-NAMES: dict[str, str | list[str]] = {"everything": "--all", "file": "--list", "colour": ["--colour", "--color"]}
+NAMES = {"everything": "--all", "file": "--list"}
 """Options that are called otherwise than the arguments of Python."""
 SET = Annotated[
     Sequence[str], Parameter(negative="", help="One parameter, e.g. foreground.learning_rate=0.002; can be repeated.")

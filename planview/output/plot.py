@@ -19,7 +19,6 @@ from planview.output.run_folder import RunFolder
 from planview.trajectories.plot import (
     INK,
     TRUTH_COLOUR,
-    Colouring,
     plot_counts,
     plot_density,
     plot_paths,
@@ -90,23 +89,23 @@ def floor_picture(run: RunFolder) -> FloorPicture | None:
 
 
 def figure_of(
-    runs: Sequence[NamedTracks], truth: Trajectories | None = None, colour: Colouring = "id",
+    runs: Sequence[NamedTracks], truth: Trajectories | None = None,
     panels: Sequence[Panel] = PANELS, floor: FloorPicture | None = None,
 ) -> Figure:  # fmt: skip
-    """A matplotlib figure of one run coloured by ``colour``, or of several in a colour each, over a picture of the
-    floor. Raises InputError: more runs than colours, runs in metres and in pixels, tracks without any place, or density
-    of several runs."""
+    """A figure of one run in a colour for each person, or of several in one each, over a picture of the floor.
+    Raises InputError: more runs than colours, runs in metres and in pixels, tracks without any place, or density of
+    several runs."""
     _refuse_mixed(runs, panels)
     figure, places = _empty_figure(panels, _shape(runs))
     for n, run in enumerate(runs):
-        style = _style_of_one(colour) if len(runs) == 1 else _style_of_several(n, run.name)
+        style = STYLE_OF_ONE if len(runs) == 1 else _style_of_several(n, run.name)
         _draw_run(places, run, style)
     if truth is not None:
         _draw_truth(places, truth, clock=runs[0].tracks)
     if floor is not None:
         for panel in places.keys() & FROM_ABOVE.keys():
             places[panel].imshow(floor.image, extent=floor.extent_m, origin="lower", zorder=0)
-    _write_legends(figure, places, runs, colour)
+    _write_legends(figure, places, runs)
     return figure
 
 
@@ -124,7 +123,7 @@ def _refuse_mixed(runs: Sequence[NamedTracks], panels: Sequence[Panel]) -> None:
 class _Style(NamedTuple):
     """Colours, width and labels of a run."""
 
-    path_colour: Colouring | str
+    path_colour: str
     speed_colour: str
     count_colour: str
     path_width: float
@@ -132,9 +131,7 @@ class _Style(NamedTuple):
     count_label: str
 
 
-def _style_of_one(colour: Colouring) -> _Style:
-    speed = "id" if colour == "id" else BLUE
-    return _Style(colour, speed, BLUE, 1.6, "", "tracked")
+STYLE_OF_ONE = _Style("id", "id", BLUE, 1.6, "", "tracked")
 
 
 def _style_of_several(n: int, name: str) -> _Style:
@@ -229,7 +226,7 @@ def png_bytes(figure: Figure, dpi: int = 110, transparent: bool = True) -> bytes
     return file.getvalue()
 
 
-def _write_legends(figure: Figure, places: dict[Panel, Axes], runs: Sequence[NamedTracks], colour: Colouring) -> None:
+def _write_legends(figure: Figure, places: dict[Panel, Axes], runs: Sequence[NamedTracks]) -> None:
     """Write the titles of figure and panels, and a legend where there is more than one name."""
     titles = FROM_ABOVE | OVER_TIME
     if not any(np.isfinite(run.tracks.x_m).any() for run in runs):
@@ -237,7 +234,7 @@ def _write_legends(figure: Figure, places: dict[Panel, Axes], runs: Sequence[Nam
     for panel, axes in places.items():
         axes.set_title(titles[panel], loc="left", fontsize=10, color=INK)
         _, names = axes.get_legend_handles_labels()
-        if panel == "paths" and colour == "id" and len(runs) == 1:
+        if panel == "paths" and len(runs) == 1:
             if names:
                 title = "person (ring: start, dot: end, dotted: hidden)"
                 axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.09), ncols=7, title=title, **LEGEND)

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
 
-Colouring = Literal["id", "time"]
 NAMED_MAX = 20
 """Most ids in a legend: more have no colours that differ visibly."""
 TRUTH_COLOUR = "#141414"
@@ -62,16 +61,14 @@ class _Rows(NamedTuple):
         return _Rows(*(column[keep] for column in columns))
 
 
-def plot_paths(
-    tracks: Trajectories, axes: Axes, *, colour: Colouring | str = "id", label: str = "", width: float = 1.6
-) -> Axes:
+def plot_paths(tracks: Trajectories, axes: Axes, *, colour: str = "id", label: str = "", width: float = 1.6) -> Axes:
     """Draw where people walked, seen from above: metres on the floor, or pixels where only boxes are known.
 
     A ring is where a path begins, a dot where it ends; dotted lines are predicted while a person was hidden. Tracks
     that were never confirmed are left out. Raises InputError: neither positions on the floor nor boxes.
 
     Args:
-        colour: "id", "time" with a colour bar, or one colour of matplotlib for all, with a label in the legend.
+        colour: "id", or one colour of matplotlib for all, with a label in the legend.
         width: of the lines, in points.
     """
     rows, unit = _rows_of_people(tracks)
@@ -84,21 +81,16 @@ def plot_paths(
         line_colour = FAINT
         if track_id in named:
             line_colour = person_hex(track_id)
-        elif colour not in ("id", "time"):
+        elif colour != "id":
             line_colour = colour
         if not person.is_seen.all():
             axes.plot(*_with_gaps(path, person).T, ":", color=line_colour, lw=1.0)
-        if colour == "time":
-            _draw_times(axes, seen_path, person, rows.time_s)
-        else:
-            name = str(track_id) if track_id in named else None
-            line = _with_gaps(seen_path, person)
-            axes.plot(*line.T, color=line_colour, lw=width, solid_capstyle="round", label=name)
-            axes.plot(*path[0], "o", ms=5, mfc="white", mec=line_colour, zorder=3)
-            axes.plot(*path[-1], "o", ms=5, color=line_colour, zorder=3)
-    if colour == "time" and longest:
-        _add_bar(axes, axes.collections[0], "time [s]")
-    elif colour != "id" and longest:
+        name = str(track_id) if track_id in named else None
+        line = _with_gaps(seen_path, person)
+        axes.plot(*line.T, color=line_colour, lw=width, solid_capstyle="round", label=name)
+        axes.plot(*path[0], "o", ms=5, mfc="white", mec=line_colour, zorder=3)
+        axes.plot(*path[-1], "o", ms=5, color=line_colour, zorder=3)
+    if colour != "id" and longest:
         axes.plot([], [], color=colour, lw=width, label=label or None)
     elif len(longest) > len(named):
         axes.plot([], [], color=FAINT, lw=1.6, label=f"{len(longest) - len(named)} more")
@@ -110,18 +102,6 @@ def _by_length(track_id: I64) -> list[int]:
     ids, counts = np.unique(track_id, return_counts=True)
     longest: list[int] = ids[np.argsort(-counts, kind="stable")].tolist()
     return longest
-
-
-def _draw_times(axes: Axes, path: F64, person: _Rows, times_s: F64) -> None:
-    """Draw an (N, 2) path in colours on the scale of all times."""
-    from matplotlib.collections import LineCollection
-
-    path[_gaps(person) - 1] = np.nan
-    segments = list(np.stack([path[:-1], path[1:]], axis=1))
-    lines = LineCollection(segments, cmap="viridis", lw=1.8, capstyle="round")
-    lines.set_array(person.time_s[:-1])
-    lines.set_clim(float(times_s.min()), float(times_s.max()))
-    axes.add_collection(lines)
 
 
 DENSITY_CELL_M = 0.1

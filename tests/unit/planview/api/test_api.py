@@ -45,7 +45,6 @@ def test_frames_are_the_first_or_from_one_to_another(frames, span):
         (lambda: planview.export("out", "xlsx"), "to"),
         (lambda: planview.export("out", "pedpy", unit="mm"), "unit"),
         (lambda: planview.plot("out", what="heat"), "what"),
-        (lambda: planview.plot("out", colour="red"), "colour"),
         (lambda: planview.calibrate.board("photos", "2cm", model="pinhole"), "model"),
     ],
 )
