@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import ast
+import builtins
 import gc
 import inspect
 import json
@@ -13,7 +13,7 @@ from functools import reduce
 from operator import or_
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, get_args, get_origin
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from cyclopts import Group, Parameter
 
@@ -152,21 +152,18 @@ def _help(function: Callable[..., Any], show: Callable[[Call], object]) -> str:
     return re.sub(r"``(\w+)``", lambda word: option_of(word[1]), doc)
 
 
+class _Names(dict[str, Any]):
+    """Names that an annotation may hold; those that are imported for type checkers only are no type of words."""
+
+    def __missing__(self, name: str) -> Any:
+        return getattr(builtins, name, object)
+
+
 def _typed(annotation: str, function: Callable[..., Any]) -> Any:
     """The part of an annotation that words can give, e.g. the path of a path, a text or a table; None where they cannot
     give any."""
-    parts = list[Any]()
-    left = [ast.parse(annotation, mode="eval").body]
-    while left:
-        node = left.pop()
-        if isinstance(node, ast.BinOp):
-            left += [node.right, node.left]
-            continue
-        try:
-            part = eval(ast.unparse(node), function.__globals__)
-        except NameError:  # imported for type checkers only
-            continue
-        parts += get_args(part) if isinstance(part, UnionType) else [part]
+    kind = eval(annotation, {}, _Names(function.__globals__))
+    parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
     given = [part for part in parts if part is bool or get_origin(part) in (Literal, Sequence)]
     given = given or [kind for kind in (Path, str, float, int) if kind in parts][:1]
     if not given:
@@ -175,4 +172,4 @@ def _typed(annotation: str, function: Callable[..., Any]) -> Any:
         return Flag
     if get_origin(given[0]) is Sequence and get_origin(get_args(given[0])[0]) is not Literal:
         return Annotated[Sequence[str], Parameter(negative="")]
-    return reduce(or_, given + [NoneType] * (None in parts))
+    return reduce(or_, given + [NoneType] * (NoneType in parts))
