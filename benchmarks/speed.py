@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from functools import partial, singledispatch
 from itertools import islice
 from pathlib import Path
+from shutil import copytree
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -21,11 +22,10 @@ import pandas
 
 from benchmarks.options import Report, Row, benchmark, progress, tables
 from benchmarks.passes import bench_engine
-from calib.errors import InputError, WorkError
+from calib.errors import WorkError
 from calib.images import as_grey
 from calib.rig import StereoRig
 from calib.types import U8, AnyArray
-from planview.api.arguments import in_range
 from planview.api.run import run
 from planview.engine.config import load_config
 from planview.engine.engine import STAGES, Engine
@@ -37,17 +37,11 @@ from stereo.recording import Frame, Recording, Shot, StereoPair
 
 SETTLED_FRAMES = 100
 """Frames before anything is timed: the background is learned, buffers are warm, kernels compiled."""
-START_CODE = (
-    "import sys; from itertools import islice; from planview import open_engine; "
-    "list(islice(open_engine(sys.argv[1]), int(sys.argv[2])))"
-)
 BLOCK_PX = 5
 """Side of the block that bare stereo matches [px]."""
 BARE_DISPARITIES = 64
 WIDE_PX = 640
 """Bare stereo searches so many disparities, and twice as many in images that are wider than this [px]."""
-STARTS = (("compiles", SETTLED_FRAMES), ("again", SETTLED_FRAMES), ("to the first frame", 1))
-"""Runs in a process each, and their frames: one that compiles its kernels, and two whose kernels are there."""
 
 
 @benchmark
@@ -74,13 +68,9 @@ def speed(
         tracker: Tracker that follows people.
         camera: camera.toml of a video, for the human-model tracker.
         frames: Number of frames over which medians are taken, after 100 in which the background is learned.
-        start: Time only the start: kernels, compiling them, which is what the first of two equal processes takes
-            longer, and the first frame.
+        start: Time only the start, of a run of one frame and of commands that do not run.
         overrides: One parameter of the engine, like analysis.width_px=1280; can be repeated.
     """
-    in_range("frames", frames, 10, 1_000_000)
-    if not recording.exists():
-        raise InputError(f"{recording}: no such file or folder")
     if start:
         return tables(start=start_rows(recording))
     engine = bench_engine(recording, tracker, load_config(overrides=overrides), camera)
@@ -100,7 +90,7 @@ def speed(
 
 def time_frames(engine: Engine, frames: Sequence[Any]) -> pandas.DataFrame:
     """Times of the engine and its stages [ms] and confirmed people, a row per frame after SETTLED_FRAMES, or in the
-    second half of a clip that is that short."""
+    second half of a short clip."""
     engine.reset()
     rows = []
     for frame in frames:
@@ -109,8 +99,7 @@ def time_frames(engine: Engine, frames: Sequence[Any]) -> pandas.DataFrame:
         spent_ms = 1e3 * (time.perf_counter() - start_s)
         people = sum(track.state == "confirmed" for track in result.tracks)
         rows.append({"all": spent_ms, **result.stages_ms, "people": people})
-    settled = SETTLED_FRAMES if len(rows) > SETTLED_FRAMES else len(rows) // 2
-    return pandas.DataFrame(rows[settled:])
+    return pandas.DataFrame(rows[min(SETTLED_FRAMES, len(rows) // 2) :])
 
 
 def stage_rows(on_all: pandas.DataFrame, on_one: pandas.DataFrame) -> list[Row]:
@@ -120,10 +109,11 @@ def stage_rows(on_all: pandas.DataFrame, on_one: pandas.DataFrame) -> list[Row]:
 
 
 def people_rows(on_all: pandas.DataFrame, on_one: pandas.DataFrame) -> list[Row]:
-    """Median time of the engine by number of people, which is the same in both."""
+    """Median time of the engine, and of its tracker, by number of people, which is the same in both."""
     rows = []
     for people, part in on_all.groupby("people"):
-        rows.append(_time_row({"people": people, "frames": len(part)}, part["all"], on_one.loc[part.index, "all"]))
+        row = _time_row({"people": people, "frames": len(part)}, part["all"], on_one.loc[part.index, "all"])
+        rows.append(row | {"track, ms": float(part["track"].median())})
     return rows
 
 
@@ -196,7 +186,6 @@ def bare_rows(engine: Engine, frames: Sequence[Frame[Shot]]) -> list[Row]:
         {
             "bare stereo": name,
             "ms": float(medians[name]),
-            "engine, ms": ours_ms,
             "ratio": ours_ms / float(medians[name]),
         }
         for name in bare
@@ -230,26 +219,26 @@ def _processor_ms(work: Callable[[], object]) -> float:
 
 
 def start_rows(recording: Path) -> list[Row]:
-    """Time and processor time of a run in a process of its own, and the kernels that it has compiled."""
-    rows: list[Row] = []
-    with TemporaryDirectory() as cache:
-        for name, n_frames in STARTS:
-            progress(f"a process of its own: {n_frames} frames, {name}")
-            start_s = time.perf_counter()
-            before = os.times()
-            command = [sys.executable, "-c", START_CODE, str(recording), str(n_frames)]
-            subprocess.run(command, env=os.environ | {"NUMBA_CACHE_DIR": cache}, check=True)
-            after = os.times()
-            processor_s = after.children_user + after.children_system - before.children_user - before.children_system
-            rows.append(
-                {
-                    "start": name,
-                    "frames": n_frames,
-                    "s": time.perf_counter() - start_s,
-                    "processor_s": processor_s,
-                    "kernels": len(list(Path(cache).rglob("*.nbc"))),
-                }
-            )
+    """Processor time of commands, each in a process of its own, of which the first compiles its kernels."""
+    rows = []
+    with TemporaryDirectory() as folder:
+        copy = f"{folder}/recording"
+        copytree(recording, copy)
+        run_one = ["run", copy, "--frames", "1", "--out", f"{folder}/out", "--overwrite"]
+        commands = {
+            "kernels compiled": run_one,
+            "one frame": run_one,
+            "its floor saved": ["calibrate", "floor", copy, "--save"],
+            "one frame with world.toml": run_one,
+            "help": ["run", "--help"],
+            "usage error": ["run", "--nothing"],
+        }
+        for name, words in commands.items():
+            progress(f"a process of its own: {name}")
+            before_s = sum(os.times()[2:4])  # of processes that have ended
+            command = [sys.executable, "-m", "planview", *words]
+            subprocess.run(command, env=os.environ | {"NUMBA_CACHE_DIR": folder}, capture_output=True, check=False)
+            rows.append({"start": name, "processor_s": sum(os.times()[2:4]) - before_s})
     return rows
 
 

@@ -104,7 +104,10 @@ class KernelCache:
 
     def load_overload(self, types: Any, target: Any) -> Any:
         """The code for a set of types; None where there is none that can be used."""
-        target.refresh()
+        from numba.core.runtime.nrt import rtsys  # no public name
+
+        # All that compiled code asks of numba; a ``refresh`` of what compiles it takes a quarter of a second.
+        rtsys.initialize(target)
         try:
             content = self._path(types, target.codegen()).read_bytes()
         except OSError:

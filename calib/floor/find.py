@@ -174,8 +174,8 @@ def _thin_points(clouds: Sequence[F32], sigma_z: Sequence[F32] | None, noise: fl
 def _thin(arrays: Sequence[F32], stride: int) -> F64:
     """Every so manieth row of all arrays."""
     # Another offset per frame, so that every pixel is used in some frame.
-    parts = [np.asarray(array)[number % stride :: stride] for number, array in enumerate(arrays)]
-    return np.concatenate(parts).astype(np.float64) if parts else np.empty(0)
+    parts = [array[number % stride :: stride] for number, array in enumerate(arrays)]
+    return np.concatenate(parts).astype(np.float64)
 
 
 def _ransac(points: Rays, floors: FloorParams | None) -> F64:

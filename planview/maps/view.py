@@ -325,7 +325,7 @@ def back_project(disparity: F32, mask: U8, camera: F64, pose: F64, limits: tuple
     """
     fu, fv, cu, cv, focal_baseline = camera
     disparity_min, height_max_m = limits
-    room = np.count_nonzero(mask)
+    room = len(mask.nonzero()[0])  # numba's count_nonzero imports scipy
     points = np.empty((room, 3), np.float32)
     area = np.empty(room, np.float32)
     pixels = np.empty(room, np.int32)

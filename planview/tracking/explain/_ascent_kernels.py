@@ -252,7 +252,7 @@ def explain(people, searches, order, shared: Bool, samples, table, model, fits) 
     """
     for sweep in range(3):
         for a in order:
-            neighbours = np.flatnonzero(shared[a])
+            neighbours = shared[a].nonzero()[0]  # numba's flatnonzero imports scipy
             own = samples_of_person(samples, a)
             if sweep == 0 or len(neighbours):
                 lay_others(own, people, neighbours, neighbours, table, model)
