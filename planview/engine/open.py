@@ -262,7 +262,7 @@ def _image_tracker(tracker: AnyTracker, config: Config, camera: GroundCamera | N
 
         return EllipseParticleTracker(config.ellipse_particle, camera, config.seed)
     if camera is None:
-        raise InputError("the human-model tracker needs a calibrated camera", remedy="camera")
+        raise InputError("the human-model tracker needs a calibrated camera", remedy="calibration")
     from planview.tracking.human_model.tracker import HumanModelTracker
 
     return HumanModelTracker(config.human_model, camera)
