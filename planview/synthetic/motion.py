@@ -20,7 +20,6 @@ from planview.synthetic.scene import (
     Bend,
     Crouch,
     Furniture,
-    OnSpot,
     Reach,
     Scene,
     ScenePerson,
@@ -145,13 +144,13 @@ class _Script:
         row = [weights.get(name, 0.0) for name in ACTIONS]
         self.actions.append(np.tile(row, (len(xy), 1)))
 
-    def walk(self, point: ArrayLike, speed_mps: float, **weights: float) -> None:
-        """Straight to a point."""
+    def walk(self, point: ArrayLike, speed_mps: float, face: float = np.nan, **weights: float) -> None:
+        """Straight to a point; a face of NaN follows the movement."""
         way = np.asarray(point, np.float64) - self.place
         length_m = float(np.linalg.norm(way))
         n = max(1, round(length_m / speed_mps * TICK_HZ))
         shares = np.linspace(1 / n, 1, n)
-        self.add(self.place + way * shares[:, None], np.nan, **weights)
+        self.add(self.place + way * shares[:, None], face, **weights)
 
     def stay(self, seconds: float, face: float, **weights: float) -> None:
         n = max(1, round(seconds * TICK_HZ))
@@ -163,11 +162,11 @@ def scripted_motion(person: ScenePerson, furniture: dict[str, Furniture], end_s:
     script = _Script(person)
     for step in person.steps:
         face = np.nan
-        if isinstance(step, OnSpot) and step.face_deg is not None:
+        if step.face_deg is not None:
             face = float(np.deg2rad(step.face_deg))
         match step:
             case Walk():
-                _walk(script, step)
+                _walk(script, step, face)
             case Stand(stand_s=seconds):
                 script.stay(seconds, face)
             case StandUntil(until_s=time_s):
@@ -205,7 +204,11 @@ def motion_from_ticks(
     along = np.arctan2(velocity[:, 1], velocity[:, 0])
     # Along the movement while moving, else as the step has it, else unchanged; turned smoothly the short way.
     current = float(np.deg2rad(person.face_deg))
-    desired = np.where(speed > 0.25, along, face)
+    moves = np.diff(xy, axis=0, prepend=xy[:1]).any(axis=1)
+    # Whoever walks backwards or sideways does not turn round while setting out and stopping.
+    aside = 1.0 * (moves & np.isfinite(face))
+    faces_aside = gaussian_filter1d(aside, 0.22 * TICK_HZ) > 0.02
+    desired = np.where((speed > 0.25) & ~faces_aside, along, face)
     headings = np.empty_like(desired)
     for i, value in enumerate(desired):
         if np.isfinite(value):
@@ -233,12 +236,12 @@ def step_length_m(height_m: float, speed_mps: F64) -> F64:
     return 0.41 * height_m * np.sqrt(relative)
 
 
-def _walk(script: _Script, step: Walk) -> None:
+def _walk(script: _Script, step: Walk, face: float) -> None:
     begin = script.now_s
     carries = float(step.carry is not None)
     pushes = float(step.push is not None)
     for point in step.go:
-        script.walk(point, step.speed_mps, carry=carries, push=pushes)
+        script.walk(point, step.speed_mps, face, carry=carries, push=pushes)
     if step.push is not None:
         script.handlings.append(Handling(step.push, "push", begin, script.now_s, step.put_z_m))
     if step.carry is not None:

@@ -23,6 +23,8 @@ class Walk(Params):
     go: tuple[Pair, ...]
     """Points [m]."""
     speed_mps: float = Field(1.2, gt=0.1, le=6)
+    face_deg: float | None = None
+    """Direction to face, as who walks backwards or sideways does; along the way when absent."""
     push: str | None = None
     """Furniture pushed while walking (it stays where the walk ends)."""
     carry: str | None = None

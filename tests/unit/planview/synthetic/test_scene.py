@@ -95,15 +95,18 @@ def walker(*steps, **values):
 
 
 def test_walk_covers_its_way_at_its_speed_one_step_per_half_turn_of_its_phase():
-    motion = scripted_motion(walker({"go": [(6, 0)], "speed_mps": 1.2}), {}, 10)
+    motion = scripted_motion(walker({"go": [(12, 0)], "speed_mps": 1.2}, height_m=1.75), {}, 12)
     xy, heading, _, speed, _ = motion.at(2.5)
     assert xy == pytest.approx([3.0, 0.0], abs=0.02)
     assert (heading, speed) == pytest.approx((0.0, 1.2), abs=0.01)
-    assert motion.at(9)[0] == pytest.approx([6, 0], abs=0.01)
-    motion = scripted_motion(walker({"go": [(12, 0)], "speed_mps": 1.2}, height_m=1.75), {}, 12)
     turned = motion.at(8)[2] - motion.at(3)[2]
     step = step_length_m(1.75, np.array([1.2]))[0]
     assert turned / np.pi == pytest.approx(5 * 1.2 / step, rel=0.01)
+
+
+def test_whoever_walks_backwards_does_not_turn():
+    backs = walker({"go": [(2, 0)], "face_deg": 180}, face_deg=180)
+    assert scripted_motion(backs, {}, 5).heading == pytest.approx(np.pi)
 
 
 def test_planted_foot_does_not_slide():
