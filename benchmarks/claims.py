@@ -154,8 +154,8 @@ def facing_rows(rows: pandas.DataFrame) -> list[Row]:
 
 
 def confidence_rows(rows: pandas.DataFrame) -> list[Row]:
-    """How many rows show somebody, next to what is said, by state: ``lost`` people are predicted, in the image or
-    beyond it."""
+    """Share of rows that show somebody, next to their confidence, by state: ``lost`` people are predicted, in the image
+    or beyond it."""
     rows = rows.assign(right=rows.true_id.notna(), bin=_bin(rows.confidence, CONFIDENCES))
     figures: list[Row] = []
     for (material, state, name), part in rows.groupby(["material", "state", "bin"], observed=True):

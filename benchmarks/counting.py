@@ -121,7 +121,7 @@ def _axes(camera: Table) -> tuple[F64, F64]:
 
 @dataclass
 class Scorer:
-    """How scenes of a single camera are rendered and tracked, and their scores so far.
+    """Renderer and tracker of scenes of a single camera, with their scores so far.
 
     Attributes:
         n_frames: at most the first frames.

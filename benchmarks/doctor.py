@@ -35,7 +35,7 @@ Images = Callable[[AnyArray, AnyArray], tuple[AnyArray, AnyArray]]
 
 
 class Fault(NamedTuple):
-    """What is done to a recording: to the images, or image and stored depth, of a frame, to the sensor, and by how many
+    """Change of a recording: to the images, or image and stored depth, of a frame, to the sensor, and by how many
     frames the second camera is late."""
 
     name: str
@@ -181,7 +181,7 @@ def faulty(recording: Recording[Any], fault: Fault, read: Read) -> Recording[Any
 
 
 def named(recording: Recording[Any], consecutive: bool) -> str:
-    """What the doctor names in a recording; empty where nothing."""
+    """Name of the doctor's finding in a recording; empty without one."""
     spread = recording.sample(8)
     first = max(0, (recording.n_frames - FRAMES) // 2)
     kind = KINDS[type(recording.sensor)]
@@ -211,7 +211,7 @@ def _is_pair_late(sensor: StereoPair, run: Sequence[Frame[Shot]]) -> bool:
 
 
 class Kind(NamedTuple):
-    """What is done with a kind of recording.
+    """Faults and finding of a kind of recording.
 
     Attributes:
         faults: of a healthy sensor.

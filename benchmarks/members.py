@@ -42,7 +42,7 @@ Table = dict[str, Any]
 
 @dataclass(frozen=True)
 class Placement:
-    """Where places of the committed scene are in a member: mirrored left to right, or not, and stretched."""
+    """Map of places of the committed scene to a member: mirrored left to right, or not, and stretched."""
 
     width_m: float
     is_mirrored: bool
@@ -167,7 +167,7 @@ class Variation:
         return varied
 
     def move(self, move: Table) -> Table:
-        """Where a thing is at a time."""
+        """Place of a thing at a time."""
         varied = move | {"t_s": move["t_s"] * self.pace, "at_m": self.floor.point(move["at_m"])}
         if "heading_deg" in move:
             varied["heading_deg"] = self.floor.heading_deg(move["heading_deg"])

@@ -1,4 +1,4 @@
-"""How benchmarks are called and printed, and the cache of rendered recordings."""
+"""Options and output of benchmarks, and the cache of rendered recordings."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def _print_report(call: Call) -> None:
 
 
 def cache_folder(cache: Path | None) -> Path:
-    """Where rendered recordings are kept: by default $XDG_CACHE_HOME or ~/.cache, below planview/scenes."""
+    """Folder of rendered recordings: by default $XDG_CACHE_HOME or ~/.cache, below planview/scenes."""
     if cache is not None:
         return cache
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"

@@ -56,7 +56,7 @@ class Pass:
 
     @property
     def folder(self) -> Path:
-        """Where the run is kept: a hash of the recording, the configuration and the engine's code is in its name."""
+        """Folder of the run: a hash of the recording, the configuration and the engine's code is in its name."""
         path = self.recording.resolve()
         changed_ns = max((file.stat().st_mtime_ns for file in path.iterdir()), default=0)
         text = f"{path} {changed_ns} {self.config.model_dump_json()} {self.tracker} {code_key()}"

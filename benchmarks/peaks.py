@@ -65,7 +65,7 @@ class PeakTracker:
     decisions: tuple[Decision, ...] = ()
     _people: list[TrackState] = field(default_factory=list)
     _seen: dict[int, tuple[int, float]] = field(default_factory=dict)
-    """Of each person, the number of peaks, and when the last one was seen [s]."""
+    """Number of peaks of each person, and when the last one was seen [s]."""
     _next_id: int = 1
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:

@@ -163,8 +163,8 @@ def _people_in(tracks: Trajectories, frames: I64) -> I64:
 
 
 def ahead_of_heads_cm(tracks: Trajectories, truth: Trajectories, frame_s: float) -> tuple[float, float, float]:
-    """How far the reported places of walkers are ahead of their heads along the way that they walk [cm], with the 95 %
-    interval; NaN where too few people walk.
+    """Distance by which reported places of walkers are ahead of their heads along the way that they walk [cm], with the
+    95 % interval; NaN where too few people walk.
 
     Least squares of (reported - true place) = ahead * (unit vector of the true velocity) + offset: cameras are not
     registered to the centimetre, which moves everybody alike. The interval is from bootstrapping the walkers' steps.

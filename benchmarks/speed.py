@@ -1,4 +1,4 @@
-"""How long the engine takes for a frame, by stage, by number of people and next to bare stereo, and how long its start
+"""Time that the engine takes for a frame, by stage, by number of people and next to bare stereo, and that its start
 takes."""
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ to and fro on one line is the same line turned by 180 degrees at another clock."
 HEAD_ERROR_STD_PX = 0.05
 """Deviation of that from one camera to another [px]; it is a part of the deviations of x and y."""
 DISPARITY_PX = 0.07
-"""What is missing in the disparities of people [px]: they are small against the window of the matching, which mixes
+"""Bias of the disparities of people [px]: they are small against the window of the matching, which mixes
 them with what is behind, so that they are found 2 to 4 cm too far away on small images, and rigs that face each other
 would be found twice that apart. Measured against truth on a rendered recording of 320x240 (0.06 and 0.07)."""
 STD_MAX_M = 0.10

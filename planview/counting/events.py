@@ -81,7 +81,7 @@ def _event(row: dict[str, str], where: str) -> Event:
 
 
 def is_events(path: Path) -> bool:
-    """Whether a file is one of events and not of positions. Raises InputError: it cannot be read."""
+    """True if a file holds events, not positions. Raises InputError: it cannot be read."""
     require_file(path, "truth or events")
     with expecting(path, "truth or events", OSError), path.open("rb") as file:
         return b"rule" in file.readline(10_000).strip().split(b",")

@@ -148,7 +148,7 @@ class Counts:
 
 
 def _between(events: Sequence[Event], start_s: float, end_s: float) -> Sequence[Event]:
-    """Those of the events, by time, that are in an interval."""
+    """Events in an interval, of events in order of time."""
     first = bisect_left(events, start_s, key=lambda event: event.timestamp_s)
     last = bisect_left(events, end_s, key=lambda event: event.timestamp_s)
     return events[first:last]

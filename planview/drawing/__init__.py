@@ -1,1 +1,1 @@
-"""How all pictures show people and the floor: colours, image, plan view."""
+"""Drawing of people and the floor in all pictures: colours, image, plan view."""

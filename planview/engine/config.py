@@ -133,7 +133,7 @@ def _validate(tables: dict[str, Any], source: str, base: Config | None, argument
 
 
 def _suggestion(error: ValidationError) -> str:
-    """What to do about an unknown name, as the end of its sentence; empty where no known one resembles it."""
+    """Advice on an unknown name, as the end of its sentence; empty where no known one resembles it."""
     first = error.errors()[0]
     if first["type"] != "extra_forbidden":
         return ""

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 STAGES = ("read", "rectify", "match", "foreground", "maps", "track")
 """Stages timed, in order."""
 Measured = tuple[Any, ...]
-"""What each sensor measured in a frame; None where it has no shot."""
+"""Measurements of each sensor in a frame; None where it has no shot."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,12 +63,12 @@ class FrameResult:
 
     @property
     def views(self) -> tuple[View, ...]:
-        """What each sensor shows."""
+        """View of each sensor."""
         return self.observation.views
 
     @property
     def depth(self) -> Depth | None:
-        """What the first sensor measured; None for one camera, for recorded maps, and where it has no frame."""
+        """Depth that the first sensor measured; None for one camera, for recorded maps, and where it has no frame."""
         return self.views[0].depth
 
     def template(self, track: TrackState) -> tuple[F32, F32] | None:
@@ -77,8 +77,8 @@ class FrameResult:
         return None if maps is None else maps.around(track.x_m, track.y_m)
 
     def point_cloud(self) -> PointCloud:
-        """What the first sensor measured, as an ``open3d.geometry.PointCloud``: metres on the axes of the tracks,
-        colours of the image. Raises InputError: one camera without depth, or recorded maps."""
+        """Points that the first sensor measured, as an ``open3d.geometry.PointCloud``: metres on the axes of the
+        tracks, colours of the image. Raises InputError: one camera without depth, or recorded maps."""
         depth = self.depth
         if depth is None:
             raise InputError("expected a stereo pair or images with depth for a point cloud, found no disparity")
@@ -87,7 +87,7 @@ class FrameResult:
 
 
 class Trackable(Protocol):
-    """What the engine needs of a recording (see ``stereo.recording.Recording``)."""
+    """Protocol of a recording that the engine can track (see ``stereo.recording.Recording``)."""
 
     @property
     def path(self) -> Path: ...
@@ -225,7 +225,7 @@ class Engine:
             clock = StageClock()
 
     def _measure(self, frame: Frame[Any], clock: StageClock) -> Measured:
-        """What depends on no tracking; it may run ahead in a thread of its own."""
+        """Measure a frame, which may run ahead of tracking in a thread of its own."""
         if len(frame.shots) != len(self.sensors):
             raise InputError(f"frame: expected shots of {len(self.sensors)} sensors, found {len(frame.shots)}")
         pairs = zip(self.sensors, frame.shots, strict=True)

@@ -68,19 +68,19 @@ class CameraInfo(InfoPart):
     baseline_m: float | None = None
     """Between left and right camera; None for one camera."""
     depth_sensor: str | None = None
-    """How the depth of images with depth was measured; None for others."""
+    """Technology that measured the depth of images with depth; None for others."""
     calibration: str | None = None
     """File or folder the calibration came from."""
     correction: str | None = None
-    """How the recording corrects that calibration, or how well it is known; None where that was not looked at."""
+    """Correction of that calibration by the recording, or its uncertainty; None where it was not examined."""
     vertical_residual_px: float | None = None
     """Median row offset that the corrected calibration leaves [px]."""
     view_m: list[tuple[float, float]] = Field(default_factory=list)
     """Outline of the view on the floor, world frame (x, y) [m], when known."""
     name: str = ""
-    """Of a rig among several."""
+    """Name of a rig among several."""
     at_m: tuple[float, float] = (0.0, 0.0)
-    """Where on the floor the camera is, world frame (x, y) [m]."""
+    """Place of the camera on the floor, world frame (x, y) [m]."""
     sensors: list[CameraInfo] = Field(default_factory=list)
     """All cameras of a recording with several rigs, the first one included."""
 

@@ -153,7 +153,7 @@ def engine_of(
 def _sensor_above_floor(
     sensor: object, part: Any, config: Config, matcher: Matcher | None, setup: Setup | None
 ) -> DepthSensor[Any, Any]:
-    """What recorded a part of a recording, made ready: a pair or a depth camera."""
+    """Sensor of a part of a recording, made ready: a pair or a depth camera."""
     refuse_untimed(part)
     return RigSensor(setup or set_up(part, config, matcher), config, part.name)
 
@@ -192,7 +192,7 @@ def _recorded_config(sensor: RecordedViews, path: Path) -> Config:
 
 
 def base_config(path: Path) -> Config:
-    """What parameters are changed from, of a recording that is not open yet. Raises InputError: maps that cannot be
+    """Configuration that parameters change, of a recording that is not open yet. Raises InputError: maps that cannot be
     read."""
     return _parsed_config(find_reader(path, IMAGE_SOURCES).config(path), path)
 
@@ -215,7 +215,7 @@ def _needs(tracker: AnyTracker) -> Needs:
 
 @singledispatch
 def _given_by(sensor: object) -> Needs:
-    """What a tracker can work on: all sensors but one give plan-view maps."""
+    """Input that a sensor gives to trackers: all sensors but one give plan-view maps."""
     return "maps"
 
 

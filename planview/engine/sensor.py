@@ -67,7 +67,7 @@ class StageClock(dict[str, float]):
 
 
 class Sensor(Protocol[S, M]):
-    """What the engine asks of every sensor, for every frame in this order: ``measure``, ``look``, ``protect``; ``S`` is
+    """Protocol of a sensor, called for every frame in this order: ``measure``, ``look``, ``protect``; ``S`` is
     what it records at one moment, ``M`` what it measures of that.
 
     Attributes:
@@ -91,7 +91,7 @@ class Sensor(Protocol[S, M]):
     def checks(self) -> Sequence[Check]: ...
 
     def measure(self, shot: S, clock: StageClock) -> M:
-        """How far away what a shot shows is; what measures nothing gives back the shot. Depends on no
+        """Measure the range of what a shot shows; a sensor without depth returns the shot. Depends on no
         tracking, since it runs ahead.
 
         Raises:
@@ -99,7 +99,7 @@ class Sensor(Protocol[S, M]):
         """
 
     def look(self, measured: M | None, frame: Frame[S], clock: StageClock) -> View:
-        """What the sensor shows in a frame, by what was learned of the frames before.
+        """View of a frame, by what was learned from the frames before.
 
         Args:
             measured: what ``measure`` gave; None where the sensor has no shot in this frame.
@@ -115,7 +115,7 @@ class Sensor(Protocol[S, M]):
 
 @runtime_checkable
 class DepthSensor(Sensor[S, M], Protocol[S, M]):
-    """What the engine asks besides of a sensor that measures depth.
+    """Protocol of a sensor that measures depth.
 
     Attributes:
         rig: it above the floor, with the grid of its maps.
@@ -134,9 +134,9 @@ class RigSensor(Carried):
 
     ahead, records = 2, True
     _measured_last: Matched | None
-    """How the last shot was matched, ahead of tracking."""
+    """Match of the last shot, ahead of tracking."""
     _tracked_last: Matched | None
-    """How that of the frame tracked last was: a resumed run continues from there."""
+    """Match of the frame tracked last: a resumed run continues from there."""
 
     def __init__(self, setup: Setup, config: Config, name: str = "") -> None:
         self.name, self.rig, self._measure = name, setup, setup.measure
@@ -154,7 +154,7 @@ class RigSensor(Carried):
         self._measured_last = self._tracked_last = None
 
     def state(self) -> dict[str, Any]:
-        """How the frame tracked last was matched."""
+        """Match of the frame tracked last, for a checkpoint."""
         return {"matched": None if self._tracked_last is None else list(self._tracked_last)}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
@@ -163,7 +163,8 @@ class RigSensor(Carried):
 
     @property
     def checks(self) -> list[Check]:
-        """Of the frames in which floor and rig were found, and whether the cameras stand as they did in these."""
+        """Checks of the frames in which floor and rig were found, and whether the cameras stand as they did in
+        these."""
         named = f"{self.name}: " if self.name else ""
         standing = standing_checks(self.standing, "calibration and floor are of the view before")
         return [replace(check, name=named + check.name) for check in (*self.rig.checks, *standing)]
@@ -201,7 +202,7 @@ class RigSensor(Carried):
         self.feedback.update(people, view, decisions)
 
     def memory(self) -> dict[str, Carried]:
-        """What is carried from frame to frame."""
+        """Parts that are carried from frame to frame."""
         return {
             "match": self, "standing": self.standing, "foreground": self.foreground,
             "feedback": self.feedback, "views": self.views,
@@ -256,11 +257,11 @@ class CameraSensor(Carried):
 
     @property
     def checks(self) -> list[Check]:
-        """Whether the camera stands still and shows one scene, from the frames so far."""
+        """Check that the camera stands still and shows one scene, from the frames so far."""
         return standing_checks(self._standing, "the background is learned again when it stands still")
 
     def memory(self) -> dict[str, Carried]:
-        """What the foreground learned, and the rest."""
+        """Foreground and other parts that are carried from frame to frame."""
         return {
             "standing": self._standing, "foreground": self._foreground, "ghosts": self._ghosts, "one camera": self,
         }  # fmt: skip
@@ -384,5 +385,5 @@ class RecordedSensor:
         """Nothing: the background is recorded as well."""
 
     def memory(self) -> dict[str, Carried]:
-        """How far away the background is."""
+        """Range of the background."""
         return {"views": self.views}

@@ -165,7 +165,7 @@ def _analysed(path: Path, geometry: RectifiedGeometry, floor: Floor, source: str
 
 
 def floor_search(config: Config) -> FloorSearch:
-    """How a run with this configuration looks for its floor."""
+    """Search for the floor of a run with this configuration."""
     frames = config.analysis.setup_frames
     return FloorSearch(frames=frames, rectify=config.rectify, range=config.range, sgbm=config.sgbm, floor=config.floor)
 

@@ -33,13 +33,13 @@ if TYPE_CHECKING:
 
 Panel = Literal["paths", "density", "speed", "count"]
 PANELS: tuple[Panel, ...] = ("paths", "speed", "count")
-"""What is drawn where nothing else is chosen."""
+"""Default panels."""
 FROM_ABOVE: dict[Panel, str] = {"paths": "Seen from above", "density": "Density"}
 OVER_TIME: dict[Panel, str] = {"speed": "Walking speed", "count": "People"}
 RUN_COLOURS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#e377c2", "#8c564b")
-"""Of several runs, in turn."""
+"""Colours of several runs, in turn."""
 BLUE = "#1f4e9c"
-"""Of the numbers of one run."""
+"""Colour of the numbers of one run."""
 WIDE = 1.9
 """Width over depth of the floor from which it is drawn above the curves and not next to them."""
 
@@ -66,7 +66,7 @@ class FloorPicture(NamedTuple):
 
 
 PIXEL_M = 0.02
-"""Of a picture of the floor [m]."""
+"""Pixel of a picture of the floor [m]."""
 
 
 def floor_picture(run: RunFolder) -> FloorPicture | None:

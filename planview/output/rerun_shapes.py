@@ -279,7 +279,8 @@ def _views_of_one_camera(engine: Engine, people: PlanBounds | None) -> rrb.Horiz
 
 
 class ViewerLayout(NamedTuple):
-    """How the viewer shows a kind of recording: as which application, where people's paths are, and all views."""
+    """Layout in which the viewer shows a kind of recording: as which application, where people's paths are, and all
+    views."""
 
     application: str
     trails: str
@@ -291,7 +292,7 @@ ONE_CAMERA_LAYOUT = ViewerLayout("planview-single", "plan/trails", _views_of_one
 
 
 def layout_of(engine: Engine) -> ViewerLayout:
-    """That of rigs, or of one camera."""
+    """Layout of rigs, or of one camera."""
     return DEPTH_LAYOUT if engine.rigs else ONE_CAMERA_LAYOUT
 
 

@@ -73,7 +73,7 @@ class RunSpec:
             raise InputError(f"{error}; choose another folder or pass overwrite=True") from error
 
     def n_frames(self, announced: int) -> int | None:
-        """How many frames are tracked of a recording that announces so many, or 0; None where that is open. Raises
+        """Number of frames that are tracked of a recording that announces some, or 0; None where that is open. Raises
         InputError: it ends before the first one."""
         if announced and self.first_frame >= announced:
             raise InputError(f"the recording has only {announced} frames, 0 to {announced - 1}", argument="frames")
@@ -83,7 +83,7 @@ class RunSpec:
         return min(ends) - self.first_frame if ends else None
 
     def analytics(self, engine: Engine) -> Analytics | None:
-        """What counts while tracking. Raises InputError: rules that do not fit the camera."""
+        """Counter for the time of tracking. Raises InputError: rules that do not fit the camera."""
         if self.rules is None:
             return None
         plane = RulePlane(engine.camera, engine.size, has_floor=engine.camera is not None)

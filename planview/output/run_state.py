@@ -1,4 +1,4 @@
-"""What a run has counted and checked so far, which a checkpoint keeps."""
+"""Counts and checks of a run so far, which a checkpoint keeps."""
 
 from __future__ import annotations
 

@@ -120,7 +120,7 @@ def identify(name: str, entry: RecordingEntry) -> StudyInput | InputError:
 
 
 def files_of_images(path: Path) -> list[Path]:
-    """What tracks depend on: the recording and its companions."""
+    """Files that tracks depend on: the recording and its companions."""
     return [path, *companion_files(path)]
 
 

@@ -1,4 +1,4 @@
-"""Where runs take place: in processes of this machine, or on the workers of a Dask cluster."""
+"""Workers of runs: in processes of this machine, or on the workers of a Dask cluster."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ KILLED = "its process was killed or crashed (out of memory?)"
 
 
 class Done(NamedTuple):
-    """How a task ended: with a value, or with an error in one sentence."""
+    """Outcome of a task: with a value, or with an error in one sentence."""
 
     key: Any
     value: Any = None

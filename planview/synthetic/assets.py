@@ -1,4 +1,4 @@
-"""Where the scenes and the demo clip of the package lie, and where real recordings are looked for."""
+"""Places of the scenes and the demo clip of the package, and of real recordings."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 _PACKAGED = Path(__file__).resolve().parent / "scenes"
-"""Where an installed package has them (``setup.py``)."""
+"""Folder of an installed package (``setup.py``)."""
 SCENES = _PACKAGED if _PACKAGED.is_dir() else REPOSITORY / "data" / "synthetic"
 """The scenes of the package, one TOML each."""
 DEMO = SCENES / "demo"

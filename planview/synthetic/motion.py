@@ -1,4 +1,4 @@
-"""Where people are and what they do over time: steps of the scene, and random walks, as sampled tracks.
+"""Places and actions of people over time: steps of the scene, and random walks, as sampled tracks.
 
 For random walks, ten times a second a wanderer picks the best of a fan of velocities, the sampled velocity
 obstacles of van den Berg et al. 2008 in their simplest form. It needs no tuning per scene, and people give way, stop
@@ -35,7 +35,7 @@ ACTIONS = ("sit", "floor", "reach", "bend", "carry", "push", "low", "crouch")
 """Postures, each with a weight from 0 to 1."""
 HIPS_BACK_M = 0.32
 SIT_DOWN_S = 0.7
-"""How far the hips move back, and how long it takes, when somebody sits down on a chair."""
+"""Way of the hips back, and time that it takes, when somebody sits down on a chair."""
 LOW_SEAT_M = 0.4
 """Benches and boxes lower than this are sat on with raised knees."""
 WALK_STEP_S = 0.1

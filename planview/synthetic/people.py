@@ -31,7 +31,7 @@ FOREARM = 0.150
 """Lengths of limbs, in the same."""
 PUSH_M = 0.72
 PUT_M = 0.5
-"""How far in front of a person's hips a thing is that is pushed, or put down after it was carried."""
+"""Distance in front of a person's hips of a thing that is pushed, or put down after it was carried."""
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ class Body:
 
 
 SIGNS = (1.0, -1.0)
-"""Of y on the left and on the right."""
+"""Signs of y on the left and on the right."""
 Rings = tuple[tuple[float, float, float, float], ...]
 """Rows z, half depth, half width, centre x in fractions of the height."""
 HIPS: Rings = (

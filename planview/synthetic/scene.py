@@ -51,7 +51,7 @@ class StandUntil(OnSpot):
 
 class Sit(OnSpot):
     sit_s: float = Field(gt=0)
-    """How long [s]."""
+    """Duration [s]."""
     on: str | None = None
     """Chair to sit on; sits on the floor when absent."""
 
@@ -103,7 +103,7 @@ FurnitureKind = Literal[
 
 
 class Surface(Params):
-    """How a surface looks."""
+    """Appearance of a surface."""
 
     texture: Texture = "plain"
     """Pattern, a function of coordinates fixed to the surface."""
@@ -159,7 +159,7 @@ class Room(Params):
 
 
 class Move(Params):
-    """Where a piece of furniture is at a time; linear between moves."""
+    """Place of a piece of furniture at a time; linear between moves."""
 
     t_s: float = Field(ge=0)
     at_m: Pair
@@ -215,7 +215,7 @@ class ScenePerson(Params):
     steps: tuple[Step, ...] = ()
     wander: Wander | None = None
     leaves: bool = False
-    """Whether the person is gone after the last step."""
+    """True for a person who is gone after the last step."""
 
     @property
     def things(self) -> set[str]:
@@ -233,7 +233,7 @@ class Light(Params):
 
     kind: Literal["point", "sun"] = "point"
     at_m: Triple | None = None
-    """Where a point light hangs, room frame [m]."""
+    """Place of a point light, room frame [m]."""
     towards: Triple | None = None
     """Direction in which sunlight travels; it ignores walls and ceiling, unless it comes through a window."""
     window: int | None = None
@@ -286,20 +286,20 @@ class ImageSensor(Params):
 
 
 class Capture(Params):
-    """What a cheap camera does to its frames."""
+    """Effects of a cheap camera on its frames."""
 
     shutter_s: float = Field(0.0, ge=0, le=0.2)
     """Time over which a frame is exposed [s]: motion blur."""
     auto_exposure: float = Field(0.0, ge=0, le=1)
-    """How much of a change of the frame's mean level the camera takes back; each frame by itself."""
+    """Share of a change of the frame's mean level that the camera takes back; each frame by itself."""
     auto_white_balance: float = Field(0.0, ge=0, le=1)
-    """How much of the frame's mean colour the camera takes back."""
+    """Share of the frame's mean colour that the camera takes back."""
     jpeg_quality: int = Field(0, ge=0, le=100)
-    """Of compression; 0 for none."""
+    """Quality of compression; 0 for none."""
 
 
 class Mount(Params):
-    """Where the (left) camera is in the room."""
+    """Pose of the (left) camera in the room."""
 
     at_m: Triple
     """Camera centre, room frame [m]; z is its height above the floor."""

@@ -214,6 +214,6 @@ def _refuse_no_boxes(table: F64, path: Path) -> None:
 
 
 def _frame_and_box(row: F64) -> str:
-    """What the file has in a row, by which it can be searched."""
+    """Frame and box of a row, as the file has them, to search for."""
     frame, *box = (f"{value:.10g}" for value in row[:5])
     return f"frame {frame} {','.join(box)}"

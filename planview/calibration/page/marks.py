@@ -1,4 +1,4 @@
-"""What is marked on a frame, how its parts are picked up and moved, and what the marks are solved to."""
+"""Marks on a frame, moved part by part, and the camera or floor that they give."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ from planview.calibration.page.session import GRAB_PX, CalibrationSession, Tool
 
 log = logging.getLogger(__name__)
 VIEWER = Path(__file__).with_name("viewer.html")
-"""What the browser runs: zoom, pan, loupe."""
+"""Program of the browser: zoom, pan, loupe."""
 LENSES = {"": "try all lenses", **{lens: lens for lens in LENS_K_320}}
 KNOWN = {
     "focal_px": "focal length [px]",

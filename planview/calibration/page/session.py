@@ -1,4 +1,4 @@
-"""What a person does in the browser, without the browser: recording, frames, samples, floor points, results."""
+"""Session of a person in the browser, without the browser: recording, frames, samples, floor points, results."""
 
 from __future__ import annotations
 
