@@ -465,12 +465,14 @@ class Analytics(Carried):
             self._ended.append(self._of_id.pop(row.track_id))
             person = None
         if person is None:
-            person = self._continued(timestamp_s, row, present)
+            person = self._predecessor(timestamp_s, row, present)
         if person is None or person in present:
             person = CountedPerson(row.track_id, [rule.new_state() for rule in self._rules])
         return person
 
-    def _continued(self, timestamp_s: float, row: TrackRow, present: Container[CountedPerson]) -> CountedPerson | None:
+    def _predecessor(
+        self, timestamp_s: float, row: TrackRow, present: Container[CountedPerson]
+    ) -> CountedPerson | None:
         """The unobserved person predicted nearest to the place of a new track, within stitch_m and stitch_s."""
         best = None
         nearest_m = self.params.stitch_m

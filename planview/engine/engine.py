@@ -191,7 +191,7 @@ class Engine:
 
     def after(self, frame: int, last: int | None = None) -> Iterator[FrameResult]:
         """Go on tracking after a frame, with the memory of the frames up to it, to a last one or to the end."""
-        measured = self._measured(frame, last)
+        measured = self._measure_frames(frame, last)
         try:
             with closing(prefetch(measured, self.ahead) if self.ahead else measured) as frames:
                 for each in frames:
@@ -209,7 +209,7 @@ class Engine:
         clock = StageClock()
         return self._track(frame, self._measure(frame, clock), clock)
 
-    def _measured(
+    def _measure_frames(
         self, before: int, last: int | None
     ) -> Generator[tuple[Frame[Any], Measured, StageClock], None, None]:
         """The frames after one, to the last. Those before are read and passed over: what could not be read is noted

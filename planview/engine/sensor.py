@@ -279,7 +279,7 @@ class CameraSensor(Carried):
         """Foreground and motion of one frame; unknown where it shows nothing, as while the camera moves."""
         if measured is None:
             return View.unknown(self._reduced[::-1])
-        image = self._resized(measured, cv2.INTER_AREA)
+        image = self._resize(measured, cv2.INTER_AREA)
         grey = as_grey(image)
         now_s = frame.timestamp_s
         labels = self._labels
@@ -305,13 +305,13 @@ class CameraSensor(Carried):
     def protect(self, people: Sequence[TrackState], view: View, decisions: Sequence[Decision]) -> None:
         """Keep the tracker's labels of the pixels for the next frame."""
         feedback = None if self._tracker is None else self._tracker.feedback()
-        labels = None if feedback is None else self._resized(feedback, cv2.INTER_NEAREST)
+        labels = None if feedback is None else self._resize(feedback, cv2.INTER_NEAREST)
         if labels is not None and np.shape(labels) != self._reduced[::-1]:
             expected = f"expected feedback of {self._reduced[::-1]} labels"
             raise InputError(f"{expected}, found {np.shape(labels)}", argument="tracker")
         self._labels = None if labels is None else np.asarray(labels, np.uint8)
 
-    def _resized(self, image: AnyArray, interpolation: int) -> U8:
+    def _resize(self, image: AnyArray, interpolation: int) -> U8:
         if self._reduced == self.size:
             return image
         return np.asarray(cv2.resize(image, self._reduced, interpolation=interpolation), dtype=np.uint8)

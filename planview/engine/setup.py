@@ -79,11 +79,11 @@ def _set_up_pair(seen: PairFrames, recording: Recording[StereoPair], config: Con
         if floor.doubt and any(check.name == "compression" and check.failed for check in light):
             raise WorkError(f"no floor found: {floor.doubt}, and compressed blocks match like such a plane")
     except WorkError as error:
-        raise _explained(error, [*light, *still_checks(seen, seen.frames)[:1]], recording, search) from error
+        raise _explain(error, [*light, *still_checks(seen, seen.frames)[:1]], recording, search) from error
     checks = [*light, *alignment_checks(seen), *floor_checks(floor)]
     checks += explanation_checks(recording, checks, floor, search)
     geometry = seen.rectifier.geometry
-    grid, step = _analysed(recording.path, geometry, floor, source, config)
+    grid, step = _analyse(recording.path, geometry, floor, source, config)
     searched = disparity_range(geometry, config.range, floor)
     return Setup(
         geometry, floor, source, seen.rectifier.rig.source, seen.correction.after_px, searched, grid, step,
@@ -92,7 +92,7 @@ def _set_up_pair(seen: PairFrames, recording: Recording[StereoPair], config: Con
     )  # fmt: skip
 
 
-def _explained(
+def _explain(
     error: WorkError, checks: Sequence[Check], recording: Recording[StereoPair | DepthCamera], search: FloorSearch
 ) -> WorkError:
     """A floor that is not found, behind what is wrong with the images and what would explain it."""
@@ -118,9 +118,9 @@ def _set_up_depth(
     except WorkError as error:
         # A delay of depth in another unit is none.
         seen_in_images = run_checks(recording)[0], still_checks(seen, seen.frames)[0]
-        raise _explained(error, seen_in_images, recording, floor_search(config)) from error
+        raise _explain(error, seen_in_images, recording, floor_search(config)) from error
     geometry = seen.rectifier.geometry
-    grid, step = _analysed(recording.path, geometry, floor, source, config)
+    grid, step = _analyse(recording.path, geometry, floor, source, config)
     checks = [*floor_checks(floor), *run_checks(recording)]
     checks += explanation_checks(recording, checks, floor, floor_search(config))
     return Setup(
@@ -143,7 +143,7 @@ def _floor_of(
     if given is None:
         return seen.floor(), "found"
     floor = Floor(given)
-    _analysed(recording.path, seen.rectifier.geometry, floor, pose_file, config)  # one out of view is refused
+    _analyse(recording.path, seen.rectifier.geometry, floor, pose_file, config)  # one out of view is refused
     with suppress(WorkError):
         # A sixth of the frames shows well enough that a floor fits.
         if given_floor_check(seen, given, Floor(seen.floor(6).world_SE3_left), pose_file).ok:
@@ -155,7 +155,7 @@ def _floor_of(
     return floor, pose_file
 
 
-def _analysed(path: Path, geometry: RectifiedGeometry, floor: Floor, source: str, config: Config) -> tuple[Grid, int]:
+def _analyse(path: Path, geometry: RectifiedGeometry, floor: Floor, source: str, config: Config) -> tuple[Grid, int]:
     """Grid and reduction of a view. Raises InputError: a floor of which the camera sees nothing or too much."""
     try:
         grid = floor_in_view(geometry, floor.world_SE3_left, config.maps)

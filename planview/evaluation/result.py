@@ -218,7 +218,7 @@ class Evaluation:
     def headline(self) -> str:
         """The figures that matter most, in one line."""
         rows = self.sequence.truth_rows
-        people = f"{_counted(self.sequence.n_truth, 'person', 'people')} in the truth"
+        people = f"{_count_text(self.sequence.n_truth, 'person', 'people')} in the truth"
         people += f" ({rows:,} of {rows + self.ignored_rows:,} positions judged)"
         if self.cause is not None:
             people += f" (do they fit if {self.cause.names}?)"
@@ -229,9 +229,9 @@ class Evaluation:
         for name, mean_m in (("position", self.position_error_mean_m), ("height", self.height_error_mean_m)):
             if mean_m is not None:
                 parts.append(f"{name} error {100 * mean_m:.1f} cm")
-        parts.append(_counted(self.switches, "switch of any length", "switches of any length"))
+        parts.append(_count_text(self.switches, "switch of any length", "switches of any length"))
         parts.append(
-            _counted(len(self.significant), "significant error of 1 s or more", "significant errors of 1 s or more")
+            _count_text(len(self.significant), "significant error of 1 s or more", "significant errors of 1 s or more")
         )
         return ", ".join(parts)
 
@@ -396,5 +396,5 @@ def _std(values: F64) -> float | None:
     return float(values.std()) if len(values) else None
 
 
-def _counted(number: int, one: str, many: str) -> str:
+def _count_text(number: int, one: str, many: str) -> str:
     return f"{number:,} {one if number == 1 else many}"

@@ -45,12 +45,12 @@ def edited(table: Trajectories, lines: Sequence[str]) -> Trajectories:
     one frame that would get one id."""
     newest = int(table.track_id.max(initial=0))
     for line in lines:
-        table = _applied(table, line, newest)
+        table = _apply(table, line, newest)
         newest = max(newest, int(table.track_id.max(initial=0)))
     return table
 
 
-def _applied(table: Trajectories, line: str, newest: int) -> Trajectories:
+def _apply(table: Trajectories, line: str, newest: int) -> Trajectories:
     kind, *words = line.split() or [""]
     try:
         if kind in ("region", "ignore"):
@@ -75,7 +75,7 @@ def _join(table: Trajectories, kept: int, _: int, other: int) -> Trajectories:
     _own(table, kept)
     if kept < 1:
         raise InputError(f"track {kept} was never confirmed, so it is nobody to join with")
-    return _renamed(table, _own(table, other), kept)
+    return _set_id(table, _own(table, other), kept)
 
 
 def _split(table: Trajectories, track_id: int, newest: int, frame: int) -> Trajectories:
@@ -84,7 +84,7 @@ def _split(table: Trajectories, track_id: int, newest: int, frame: int) -> Traje
     if not rest.any() or (rest == own).all():
         frames = table.frame[own]
         raise InputError(f"the track can be split from frame {frames.min() + 1} to {frames.max()}, not at {frame}")
-    return _renamed(table, rest, newest + 1)
+    return _set_id(table, rest, newest + 1)
 
 
 def _delete(table: Trajectories, track_id: int, _: int, *span: int) -> Trajectories:
@@ -100,7 +100,7 @@ def _delete(table: Trajectories, track_id: int, _: int, *span: int) -> Trajector
 def _rename(table: Trajectories, old: int, _: int, new: int) -> Trajectories:
     if new < 1 or (table.track_id == new).any():
         raise InputError(f"the new id is from 1 and not in use: {new} is not (join puts two tracks together)")
-    return _renamed(table, _own(table, old), new)
+    return _set_id(table, _own(table, old), new)
 
 
 _BY_ID: dict[str, Callable[..., Trajectories]] = {
@@ -174,7 +174,7 @@ def _own(table: Trajectories, track_id: int) -> Bool:
     return np.asarray(own)
 
 
-def _renamed(table: Trajectories, rows: Bool, track_id: int) -> Trajectories:
+def _set_id(table: Trajectories, rows: Bool, track_id: int) -> Trajectories:
     """The table with an id in some rows."""
     both = np.intersect1d(table.frame[rows], table.frame[~rows & (table.track_id == track_id)])
     if len(both):

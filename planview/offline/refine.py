@@ -54,7 +54,7 @@ def changes_csv(changes: Iterable[Change]) -> str:
     return file.getvalue()
 
 
-def smoothed(times_s: F64, xy_m: F64, measured: Bool) -> tuple[F64, F64]:
+def smooth(times_s: F64, xy_m: F64, measured: Bool) -> tuple[F64, F64]:
     """(N, 2) positions [m] and velocities [m/s] at (N,) rising times [s] from (N, 2) positions where measured, the
     first among them, before and after (Rauch, Tung, Striebel 1965)."""
     x_m, y_m = xy_m.T.tolist()
@@ -177,7 +177,7 @@ def _log_odds(before: Trajectories, after: Trajectories) -> float:
     nothing.
     """
     end = _last_confirmed(before)
-    start = int(np.flatnonzero(_measured(after))[0])
+    start = int(np.flatnonzero(_is_seen(after))[0])
     gone_s = float(after.timestamp_s[start] - before.timestamp_s[end])
     dx = float(after.x_m[start] - before.x_m[end])
     dy = float(after.y_m[start] - before.y_m[end])
@@ -204,14 +204,14 @@ def _last_confirmed(table: Trajectories) -> int:
     return int(np.flatnonzero(table.state == "confirmed")[-1])
 
 
-def _measured(table: Trajectories) -> Bool:
-    """(N,) whether a row has a place that was seen, not predicted."""
+def _is_seen(table: Trajectories) -> Bool:
+    """(N,) True for rows with a place that was seen, not predicted."""
     return np.asarray((table.state != "lost") & np.isfinite(table.x_m + table.y_m))
 
 
 def _smoothed_path(path: Trajectories) -> tuple[Trajectories, Change]:
     """The rows of one person, smoothed from the first measured to the last confirmed one, each track by itself."""
-    is_measured = _measured(path)
+    is_measured = _is_seen(path)
     last = _last_confirmed(path)
     before_m = np.column_stack([path.x_m, path.y_m])
     after_m = before_m.copy()
@@ -221,7 +221,7 @@ def _smoothed_path(path: Trajectories) -> tuple[Trajectories, Change]:
         if not len(starts):
             continue
         within = rows[(rows >= starts[0]) & (rows <= last)]
-        after_m[within], velocity[within] = smoothed(path.timestamp_s[within], before_m[within], is_measured[within])
+        after_m[within], velocity[within] = smooth(path.timestamp_s[within], before_m[within], is_measured[within])
     first = int(np.flatnonzero(is_measured)[0])
     counted = np.flatnonzero(is_measured[: last + 1])
     moved_m = np.hypot(*(after_m - before_m)[counted].T)

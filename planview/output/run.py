@@ -124,7 +124,7 @@ def _track_in_memory(engine: Engine, spec: RunSpec, watches: Sequence[Watch]) ->
     tracks = rows.trajectories()
     if spec.refine:
         tracks = refine(tracks).tracks
-    n_frames = spec.first_frame + n_read + len(_skipped(engine, spec))
+    n_frames = spec.first_frame + n_read + len(_skipped_frames(engine, spec))
     return replace(tracks, first_frame=spec.first_frame, n_frames=n_frames)
 
 
@@ -318,7 +318,7 @@ class _Run:
         """run.json as it is now."""
         totals = self._totals
         recording = self._engine.recording
-        skipped = _skipped(self._engine, self._spec)
+        skipped = _skipped_frames(self._engine, self._spec)
         frame_s = 1 / recording.fps
         confirmed_s = frame_s * np.array(list(totals.people.values()), dtype=np.float64)
         people = int(is_person(confirmed_s).sum())
@@ -347,7 +347,7 @@ SKIPPED_SHOWN = 1000
 """Skipped frames that run.json names at most, so that it stays small."""
 
 
-def _skipped(engine: Engine, spec: RunSpec) -> list[Skipped]:
+def _skipped_frames(engine: Engine, spec: RunSpec) -> list[Skipped]:
     """Frames to track that could not be used so far."""
     end = math.inf if spec.last_frame is None else spec.last_frame
     return [frame for frame in engine.recording.skipped if spec.first_frame <= frame.index <= end]

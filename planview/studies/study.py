@@ -160,7 +160,7 @@ def study_of(
     else:
         if out is None:
             raise InputError("recordings without a study file need a folder for the results", argument="out")
-        parameters, seeds = varied(vary)
+        parameters, seeds = parse_variations(vary)
         entries = [RecordingEntry(path=path.absolute()) for path in sources]
         try:
             study = Study(recordings=entries, config=config and config.absolute(), parameters=parameters, seeds=seeds)
@@ -173,7 +173,7 @@ def study_of(
     return study, names, out.absolute()
 
 
-def varied(options: Sequence[str]) -> tuple[dict[str, list[Any]], list[Any]]:
+def parse_variations(options: Sequence[str]) -> tuple[dict[str, list[Any]], list[Any]]:
     """Values per parameter, and the seeds where the parameter is ``seed``."""
     parameters: dict[str, list[Any]] = {}
     for text in options:

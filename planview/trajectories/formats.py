@@ -83,7 +83,7 @@ def _load(path: Path, truth: bool) -> TrajectoryFile:
     with expecting(path, "trajectories", OSError), path.open("rb") as file:
         start = file.read(_FIRST_LINE)
     if start.startswith(b"\x1f\x8b"):
-        return _unpacked(path, truth)
+        return _unpack(path, truth)
     if start.startswith(b"version ") and path.suffix == ".trc":
         raise InputError(f"{path}: expected trajectories in metres, found pixels of PeTrack: export its .txt")
     for magic, reader in BINARY.items():
@@ -110,7 +110,7 @@ def _load(path: Path, truth: bool) -> TrajectoryFile:
     return TrajectoryFile(read_truth(path) if truth else read_tracks(path))
 
 
-def _unpacked(path: Path, truth: bool) -> TrajectoryFile:
+def _unpack(path: Path, truth: bool) -> TrajectoryFile:
     """Trajectories in a file that gzip compressed."""
     with TemporaryDirectory() as folder:
         inner = Path(folder) / path.stem

@@ -203,12 +203,12 @@ def _refuse_first_fault(path: Path, between: str, decimal: str) -> None:
             if len(row) < len(names):
                 raise InputError(f"{path}: expected {len(names)} cells in line {line}, found fewer")
             for name, cell in zip(names, row, strict=False):
-                expected = _expected(name, cell.strip().replace(decimal, "."))
+                expected = _expectation(name, cell.strip().replace(decimal, "."))
                 if expected:
                     raise InputError(f"{path}: expected {expected}, line {line}, found {cell!r}")
 
 
-def _expected(name: str, cell: str) -> str:
+def _expectation(name: str, cell: str) -> str:
     """The content expected of a cell; empty where it is there."""
     if not cell or name not in COLUMNS:
         return ""

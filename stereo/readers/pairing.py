@@ -215,10 +215,10 @@ def pair_stamps(
             f"the clock of {names[1]} is {_span(offset / 1e9)} from that of {names[0]}: paired in order; if that "
             "camera began later instead, leave out the frames that the other one lacks"
         )
-    notes += _counted(again, "with the time of the frame before, skipped")
+    notes += _note_on(again, "with the time of the frame before, skipped")
     for name, stamps_ns, of_era in ((names[0], left_ns, left_eras), (names[1], right_ns, right_eras)):
         is_late = (np.diff(stamps_ns) < 0) & (np.diff(of_era) == 0)
-        notes += _counted(is_late, f"of {name} recorded out of order, put in order of their times")
+        notes += _note_on(is_late, f"of {name} recorded out of order, put in order of their times")
     for after, jump_s in zip(jumps, jumps_s, strict=True):
         notes.append(f"the clock jumps by {_span(jump_s)} after frame {after}: times run on at the nominal rate")
     return TimePairs(left, right, times, 1e9 / period, tuple(notes))
@@ -236,7 +236,7 @@ def _alone_notes(left: I64, right: I64, names: tuple[str, str], tolerance_ns: fl
     ]
 
 
-def _counted(frames: Bool, what: str) -> list[str]:
+def _note_on(frames: Bool, what: str) -> list[str]:
     """A note on frames, with their number; none where there are none."""
     count = int(frames.sum())
     return [f"{count} frame{'s' * (count > 1)} {what}"] if count else []

@@ -53,7 +53,7 @@ def handle_points(sample: HumanSample) -> list[tuple[Part, Point]]:
     return [("head", sample.head_px), ("foot", sample.foot_px), *corners]
 
 
-def grabbed(samples: Sequence[tuple[int, HumanSample]], at: Point, reach_px: float) -> Handle | None:
+def part_under_mouse(samples: Sequence[tuple[int, HumanSample]], at: Point, reach_px: float) -> Handle | None:
     """The part of numbered samples under the mouse: the nearest part within reach, else the smallest box around it."""
     found = [
         (math.hypot(u - at[0], v - at[1]), Handle(number, part))

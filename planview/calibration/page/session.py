@@ -24,7 +24,7 @@ from calib.rig import Floor
 from calib.types import U8, Bool
 from calib.world import save_world
 from planview.calibration.floor import FloorDepths
-from planview.calibration.page.marks import Draft, Handle, Point, Solution, fit_floor, grabbed, moved, nearest
+from planview.calibration.page.marks import Draft, Handle, Point, Solution, fit_floor, moved, nearest, part_under_mouse
 from stereo.floor import FloorSearch
 from stereo.readers import OpenOptions, find_layout, find_reader, open_recording, open_video
 from stereo.readers.open import OF_TWO_IMAGES
@@ -139,7 +139,7 @@ class CalibrationSession:
             return
         self.selected = nearest(self.floor_points, (u, v), reach_px)
         if self.tool == "select" and self.selected is None:
-            self.selected = grabbed(self.here(), (u, v), reach_px)
+            self.selected = part_under_mouse(self.here(), (u, v), reach_px)
         if self.tool == "floor" and self.selected is None:
             self._remember()
             self.floor_points.append((u, v))

@@ -28,7 +28,7 @@ from planview.commands.check import check
 from planview.commands.options import typed
 from planview.counting.events import read_events
 from planview.engine.config import load_config
-from planview.studies.study import varied
+from planview.studies.study import parse_variations
 from planview.trajectories.table import read_tracks, read_truth
 from stereo.readers import open_recording, open_video
 
@@ -332,7 +332,7 @@ def test_points_are_pixels_or_metres_but_not_both():
 
 
 def test_seeds_are_varied_apart_from_parameters():
-    assert varied(["maps.cell_m=0.03,0.04", "seed=1,2"]) == ({"maps.cell_m": [0.03, 0.04]}, [1, 2])
+    assert parse_variations(["maps.cell_m=0.03,0.04", "seed=1,2"]) == ({"maps.cell_m": [0.03, 0.04]}, [1, 2])
 
 
 def test_sweep_without_a_process_is_refused(tmp_path):
