@@ -24,7 +24,7 @@ def random_rig(lens: str, rng: np.random.Generator) -> StereoRig:
     """A rig such as is built: lenses (of LENSES) and mounts of one kind scatter by a per cent and a degree."""
     focal, model, coefficients = LENSES[lens]
 
-    def camera() -> Camera:
+    def camera():
         fx, fy = focal * (1 + 0.01 * rng.normal(size=2))
         cx, cy = np.array(BOARD_SIZE) / 2 + 8 * rng.normal(size=2)
         distortion = tuple(float(k * (1 + 0.02 * rng.normal())) for k in coefficients)

@@ -33,7 +33,7 @@ def shared_data() -> Path:
 def cli(capsys) -> Cli:
     """Run a command in this process: exit status and what it prints on stderr."""
 
-    def command(*argv: object) -> tuple[int, str]:
+    def command(*argv):
         from planview.cli import main
 
         try:
@@ -49,7 +49,7 @@ def cli(capsys) -> Cli:
 def succeed(cli) -> Succeed:
     """Run a command that must succeed: what it prints on stderr."""
 
-    def command(*argv: object) -> str:
+    def command(*argv):
         status, printed = cli(*argv)
         assert status == 0, printed
         return printed
@@ -61,7 +61,7 @@ def succeed(cli) -> Succeed:
 def refused(cli) -> Refused:
     """Run a command that is refused: the one sentence that gives the reason."""
 
-    def command(*argv: object, status: int = 2) -> str:
+    def command(*argv, status=2):
         found, printed = cli(*argv)
         assert found == status, printed
         return one_sentence(printed)
@@ -73,7 +73,7 @@ def refused(cli) -> Refused:
 def shown_by(capsys) -> ShownBy:
     """Run a command: what it prints on stdout."""
 
-    def command(*argv: object) -> str:
+    def command(*argv):
         from planview.cli import main
 
         with pytest.raises(SystemExit) as left:

@@ -17,7 +17,7 @@ def fill_disk_after(monkeypatch: pytest.MonkeyPatch, room: int) -> None:
     """Let ``os.write`` write so many bytes more, in part if need be, and then report a full disk."""
     left, write = [room], os.write
 
-    def limited(descriptor: int, data: bytes) -> int:
+    def limited(descriptor, data):
         if descriptor < 3:  # what pytest and the command print
             return write(descriptor, data)
         if left[0] == 0:

@@ -49,7 +49,7 @@ def replaced(file: str, content: str | bytes) -> Damage:
 def edited(file: str, before: str, after: str) -> Damage:
     """A part of the text is another one."""
 
-    def damage(folder: Path) -> None:
+    def damage(folder):
         text = (folder / file).read_text()
         assert before in text
         (folder / file).write_text(text.replace(before, after, 1))
@@ -60,7 +60,7 @@ def edited(file: str, before: str, after: str) -> Damage:
 def removed(*files: str) -> Damage:
     """The files or folders are gone."""
 
-    def damage(folder: Path) -> None:
+    def damage(folder):
         for file in files:
             path = folder / file
             shutil.rmtree(path) if path.is_dir() else path.unlink()
@@ -71,7 +71,7 @@ def removed(*files: str) -> Damage:
 def cut(file: str, share: float) -> Damage:
     """The end of the file is missing."""
 
-    def damage(folder: Path) -> None:
+    def damage(folder):
         data = (folder / file).read_bytes()
         (folder / file).write_bytes(data[: int(len(data) * share)])
 
@@ -81,7 +81,7 @@ def cut(file: str, share: float) -> Damage:
 def instead(file: str, make: Callable[[Path], object]) -> Damage:
     """Something that is no regular file stands in the file's place."""
 
-    def damage(folder: Path) -> None:
+    def damage(folder):
         (folder / file).unlink()
         make(folder / file)
 
@@ -91,7 +91,7 @@ def instead(file: str, make: Callable[[Path], object]) -> Damage:
 def images(change: Callable[[U8, int], U8], sides: Sequence[str] = ("left", "right")) -> Damage:
     """Every image of some sides is changed; ``change`` takes it and its frame."""
 
-    def damage(folder: Path) -> None:
+    def damage(folder):
         for side in sides:
             for index, file in enumerate(sorted((folder / side).iterdir())):
                 cv2.imwrite(str(file), change(cv2.imread(str(file), cv2.IMREAD_UNCHANGED), index))
@@ -102,7 +102,7 @@ def images(change: Callable[[U8, int], U8], sides: Sequence[str] = ("left", "rig
 def right_shows(frame_of: Callable[[int], int], sides: Sequence[str] = ("right",)) -> Damage:
     """The right image of frame i is that of frame ``frame_of(i)``."""
 
-    def damage(folder: Path) -> None:
+    def damage(folder):
         for side in sides:
             files = sorted((folder / side).iterdir())
             data = [file.read_bytes() for file in files]
@@ -115,7 +115,7 @@ def right_shows(frame_of: Callable[[int], int], sides: Sequence[str] = ("right",
 def sparse(file: str, size: int) -> Damage:
     """The file claims a size that the disk does not hold."""
 
-    def damage(folder: Path) -> None:
+    def damage(folder):
         with (folder / file).open("r+b") as opened:
             opened.truncate(size)
 
@@ -136,7 +136,7 @@ def nothing(folder: Path) -> None:
 def both(*damages: Damage) -> Damage:
     """One after the other."""
 
-    def damage(folder: Path) -> None:
+    def damage(folder):
         for one in damages:
             one(folder)
 
@@ -151,7 +151,7 @@ def blocks(image: U8, frame: int) -> U8:
 def videos(left: Callable[[bytes], bytes] = bytes, right: Callable[[bytes], bytes] = bytes) -> Damage:
     """Videos instead of folders, whose bytes are then changed."""
 
-    def damage(folder: Path) -> None:
+    def damage(folder):
         for side, change in (("left", left), ("right", right)):
             files = sorted((folder / side).iterdir())
             first = cv2.imread(str(files[0]), 0)
@@ -169,7 +169,7 @@ def videos(left: Callable[[bytes], bytes] = bytes, right: Callable[[bytes], byte
 def png_claiming(width: int, height: int) -> bytes:
     """A PNG whose header claims a size that its few bytes do not hold."""
 
-    def chunk(kind: bytes, data: bytes) -> bytes:
+    def chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
     header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)

@@ -140,7 +140,7 @@ def damage_table(file: Any, rng: random.Random) -> None:
         if kind == 0:
             del attributes[name]
         elif kind == 1 and np.ndim(attributes[name]):
-            values = np.array(attributes[name], dtype=np.float64)
+            values = np.array(attributes[name], np.float64)
             values.flat[rng.randrange(values.size)] = rng.choice(EXTREMES)
             attributes[name] = values
         else:

@@ -200,10 +200,10 @@ def simple() -> dict[str, tuple[Callable[[Path], object], bytes]]:
 
 
 def test_calibration_of_any_format_is_read_or_refused(folder):
-    def read(path: Path) -> None:
+    def read(path):
         assert MIN_BASELINE_M <= load_rig(path, SIZE).baseline_m <= MAX_BASELINE_M
 
-    def case(seed: int) -> None:
+    def case(seed):
         name, good = calibrations()[seed % len(calibrations())]
         assert is_clear(refusal(read, folder / name, damaged(good, seed)), name)
 
@@ -212,7 +212,7 @@ def test_calibration_of_any_format_is_read_or_refused(folder):
 
 @pytest.mark.parametrize("truth", [False, True])
 def test_trajectories_of_any_format_are_read_or_refused(folder, truth):
-    def case(seed: int) -> None:
+    def case(seed):
         name, good = trajectories()[seed % len(trajectories())]
         read = partial(load_file, truth=truth)
         assert is_clear(refusal(read, folder / name, damaged(good, seed)), name)
@@ -224,7 +224,7 @@ def test_trajectories_of_any_format_are_read_or_refused(folder, truth):
 def test_file_is_read_or_refused(folder, name):
     read, good = simple()[name]
 
-    def case(seed: int) -> None:
+    def case(seed):
         assert is_clear(refusal(read, folder / name, damaged(good, seed)), name)
 
     try_all(case)
@@ -232,7 +232,7 @@ def test_file_is_read_or_refused(folder, name):
 
 @pytest.mark.parametrize("kind", sorted(CASES))
 def test_damaged_recording_is_read_or_refused(kind):
-    def case(seed: int) -> None:
+    def case(seed):
         sentence = attempt(kind, seed)
         assert sentence.isprintable() and len(sentence) < 900
 
@@ -243,7 +243,7 @@ def test_damaged_recording_is_read_or_refused(kind):
 def test_maps_that_are_damaged_are_refused(folder):
     good = b"\x89HDF\r\n\x1a\n" + dict(trajectories())["ped-data-archive"][8:]
 
-    def case(seed: int) -> None:
+    def case(seed):
         sentence = refusal(MapsRecording, folder / "maps.h5", damaged(good, seed))
         assert sentence and is_clear(sentence, "maps.h5")
 

@@ -16,7 +16,7 @@ from toy_stereo import ToyWorld, toy_rig, walking, write_toy_recording
 from calib.rig import Floor
 from calib.world import save_world
 from planview.engine.config import Config
-from planview.engine.engine import Engine, FrameResult
+from planview.engine.engine import Engine
 from planview.engine.open import engine_of
 from planview.engine.setup import set_up
 from planview.output.run import run
@@ -63,7 +63,7 @@ def engine(tmp_path) -> Engine:
 def test_memory_of_a_long_run_does_not_grow(engine, tmp_path, logs):
     resident = {}
 
-    def watch(result: FrameResult) -> None:
+    def watch(result):
         if result.frame in (FRAMES // 3 - 1, FRAMES - 1):
             ctypes.CDLL(None).malloc_trim(0)  # what glibc keeps for itself is not kept by the run
             resident[result.frame] = int(Path("/proc/self/statm").read_text().split()[1])

@@ -23,7 +23,7 @@ TRUTH = "frame,id,x_m,y_m,height_m\n" + "".join(
 def bench(capsys, monkeypatch) -> Bench:
     """Run a benchmark in this process: exit status, and what it prints on stdout and stderr."""
 
-    def command(*words: object) -> tuple[int, str, str]:
+    def command(*words):
         monkeypatch.setattr(sys, "argv", ["benchmarks", *map(str, words)])
         status = 0
         try:

@@ -5,7 +5,6 @@ import json
 import shutil
 from itertools import islice
 from pathlib import Path
-from typing import NoReturn
 
 import cv2
 import numpy as np
@@ -64,7 +63,7 @@ def test_unit_of_depth_that_gives_a_floor_is_named(recording, tmp_path, factor, 
 def test_unit_of_depth_is_kept_when_the_search_for_another_one_fails(recording, monkeypatch):
     opened = open_any(recording)
 
-    def fail(*_: object) -> NoReturn:
+    def fail(*_):
         raise InputError("a file is gone")
 
     monkeypatch.setattr(opened, "decode", fail)

@@ -25,7 +25,6 @@ from toy_stereo import ToyWorld, toy_rig, write_toy_recording
 import planview
 from calib.errors import WorkError
 from calib.types import U8
-from planview.engine.engine import FrameResult
 from planview.output.folder import read_run_info
 from planview.output.run import run
 from planview.output.run_spec import RunSpec
@@ -92,7 +91,7 @@ def test_frames_that_are_all_unusable_are_a_failure(engine, recording, tmp_path)
         path, n_frames, fps, parts, skipped = recording, 3, 15.0, engine.recording.parts, ()
         notes, files, options, is_live = (), (), OpenOptions(), False
 
-        def __iter__(self) -> Iterator[FrameResult]:
+        def __iter__(self):
             return iter(())
 
     nothing = same_parts(engine)

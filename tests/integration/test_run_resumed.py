@@ -18,7 +18,7 @@ import planview
 from calib.errors import InputError
 from calib.types import F32, U8
 from planview.engine.config import load_config
-from planview.engine.engine import Engine, FrameResult
+from planview.engine.engine import Engine
 from planview.engine.open import engine_of, open_engine
 from planview.engine.setup import set_up
 from planview.maps.recording import MapsRecording
@@ -64,7 +64,7 @@ def spec_with(rules: Path, out: Path, **others: Any) -> RunSpec:
 
 
 def stop_at(frame: int | None) -> object:
-    def watch(result: FrameResult) -> None:
+    def watch(result):
         if result.frame == frame:
             raise StoppedError
 
@@ -237,7 +237,7 @@ def test_a_run_resumes_although_files_next_to_it_have_changed(copy, tmp_path, ru
 def test_another_image_or_calibration_is_another_recording(copy, tmp_path):
     config = load_config(None, [FEW])
 
-    def identity() -> dict[str, dict[str, object]]:
+    def identity():
         return RunSpec().identity(open_engine(copy, config=config))
 
     before = identity()
@@ -371,14 +371,14 @@ def test_the_engine_of_recorded_maps_resumes(engine, tmp_path):
         log.frame(result)
     log.close()
 
-    def make() -> Engine:
+    def make():
         return engine_of(MapsRecording(tmp_path / "maps.h5"))
 
     assert_resumes(make, moments(2, 8, 35), tmp_path)
 
 
 def test_the_engine_of_one_camera_resumes(tmp_path):
-    def make() -> Engine:
+    def make():
         return engine_of(CrossingVideo(), HumanModelTracker(PARAMS, CAMERA, MAP), camera=CAMERA)
 
     assert_resumes(make, moments(3, 2, 58), tmp_path)
@@ -386,7 +386,7 @@ def test_the_engine_of_one_camera_resumes(tmp_path):
 
 @pytest.mark.parametrize("overview", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_the_ellipse_engine_of_one_camera_resumes(overview, tmp_path):
-    def make() -> Engine:
+    def make():
         return engine_of(CrossingVideo(), EllipseParticleTracker(), study=overview)
 
     assert_resumes(make, moments(4, 2, 58), tmp_path)

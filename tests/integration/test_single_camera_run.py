@@ -74,7 +74,7 @@ Run = Callable[[Callable[[int], U8], int], tuple[RunInfo, str]]
 def run(request, succeed, tmp_path) -> Run:
     """Track a clip: run.json, and what is printed."""
 
-    def run_on(paint: Callable[[int], U8], n_frames: int) -> tuple[RunInfo, str]:
+    def run_on(paint, n_frames):
         clip = write_clip(tmp_path / "clip.avi", paint, n_frames)
         given = ["--camera", camera(tmp_path)] if request.param == "human-model" else []
         printed = succeed("run", clip, "--tracker", request.param, "--out", tmp_path / "out", *given)

@@ -105,7 +105,7 @@ def opened(monkeypatch) -> list[Opened]:
     """The viewers that were opened, without their programs."""
     viewers = []
 
-    def open_viewer(**_: object) -> Opened:
+    def open_viewer(**_):
         viewers.append(Opened())
         return viewers[-1]
 
@@ -129,7 +129,7 @@ def test_a_run_that_is_refused_opens_no_viewer(engine, opened, refused_by, tmp_p
 def test_the_viewer_is_closed_when_the_run_fails(engine, opened, error, closed):
     show = viewer.LiveViewer()
 
-    def run() -> None:
+    def run():
         with show.showing(engine) as frame:
             for result in islice(engine, 2):
                 frame(result)

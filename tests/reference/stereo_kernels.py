@@ -19,7 +19,7 @@ def differences(left: U8, right: U8, disparity: F32, first: int, step: int, apar
     x = first + cols - disparity
     inside = (x >= apart) & (x < right.shape[1] - 1 - apart)
 
-    def at(shift: int) -> F32:
+    def at(shift):
         columns = np.arange(right.shape[1])
         return np.array([np.interp(xs + shift, columns, right[r]) for xs, r in zip(x, v[:, 0], strict=True)])
 

@@ -47,7 +47,7 @@ def test_what_scores_below_the_least_explains_nothing():
 
 
 def test_what_cannot_win_is_not_tried():
-    def fail(number: float) -> float:
+    def fail(number):
         raise AssertionError
 
     impossible = Hypothesis("never tried", "", fail, odds=2.0)

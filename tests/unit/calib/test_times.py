@@ -127,7 +127,7 @@ def test_small_numbers_of_a_table_stay_seconds():
 
 
 def test_dates_of_a_table_become_seconds_where_they_are_known():
-    dates = np.array(["2023-10-29T02:59:59.5+02:00", "", "NaT"], dtype=object)
+    dates = np.array(["2023-10-29T02:59:59.5+02:00", "", "NaT"], object)
     np.testing.assert_array_equal(seconds_of("", dates), [1698541199.5, np.nan, np.nan])
 
 

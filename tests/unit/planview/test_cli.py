@@ -63,7 +63,7 @@ def test_an_empty_value_is_refused_in_one_sentence(argv, capsys):
     ],
 )
 def test_errors_become_one_sentence_with_a_status(error, status, sentence, monkeypatch, capsys):
-    def fail(*_: object, **__: object) -> None:
+    def fail(*_, **__):
         raise error
 
     monkeypatch.setattr(cli, "make_app", lambda _: fail)
@@ -71,7 +71,7 @@ def test_errors_become_one_sentence_with_a_status(error, status, sentence, monke
 
 
 def test_an_unexpected_error_becomes_one_sentence_that_names_a_file_with_the_traceback(monkeypatch, capsys, tmp_path):
-    def fail(*_: object, **__: object) -> None:
+    def fail(*_, **__):
         raise ZeroDivisionError("a\nb")
 
     monkeypatch.setattr(cli, "make_app", lambda _: fail)

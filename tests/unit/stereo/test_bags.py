@@ -49,7 +49,7 @@ def test_bare_mcap_file_is_read_without_its_metadata(tmp_path):
 
 
 def test_message_that_is_missing_on_one_side_is_a_skipped_frame(tmp_path):
-    def stamps(i: int, side: str) -> int | None:
+    def stamps(i, side):
         return None if (i, side) == (6, "right") else START_NS + i * STEP_NS + 3_000_000 * (side == "right")
 
     recording = open_recording(stereo_bag(tmp_path / "a.bag", stamps=stamps))

@@ -1,6 +1,6 @@
 """Hypotheses: every one undoes its own fault, and is named where that was made."""
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -43,7 +43,7 @@ def pairs() -> tuple[tuple[U8, U8], ...]:
 def recorded(change: Callable[[U8, U8], tuple[U8, U8]], claimed: StereoRig | None = None) -> Recording[StereoPair]:
     """A recording of changed pairs with a calibration that may be another."""
 
-    def decode(indices: Sequence[int] | None) -> Generator[tuple[Decoded, ...], None, None]:
+    def decode(indices):
         for i in range(6) if indices is None else indices:
             yield tuple(Decoded(i, i / 2.5, image) for image in change(*pairs()[i]))
 
@@ -104,7 +104,7 @@ def test_fault_of_images_is_named(fault, name):
 
 
 def test_images_cut_at_another_height_are_named():
-    def cut(left: U8, right: U8) -> tuple[U8, U8]:
+    def cut(left, right):
         left, right = rectified(left, right)
         return left, np.roll(right, 4, axis=0)
 
@@ -159,7 +159,7 @@ def measured(change: Change, camera: Camera = CAMERA, dtype: type = np.uint16) -
     """A recording of changed depth in millimetres."""
     units = Depths()
 
-    def decode(indices: Sequence[int] | None) -> Generator[tuple[Decoded, ...], None, None]:
+    def decode(indices):
         for i in range(FRAMES) if indices is None else indices:
             depth = depth_image(max(i, EMPTY))
             stored = change(np.where(depth < 9, depth * 1000, 0).round()).astype(dtype)

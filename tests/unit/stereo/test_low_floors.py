@@ -45,7 +45,7 @@ def cast(boxes: list[list[float]], floor: Floor) -> tuple[np.ndarray, np.ndarray
     u, v = np.meshgrid(np.arange(CAMERA.width), np.arange(CAMERA.height))
     rays = CAMERA.unproject(np.column_stack([u.ravel(), v.ravel()])) @ floor.world_SE3_left.rotation.T
     with np.errstate(divide="ignore", invalid="ignore"):
-        edges = (np.array(boxes, dtype=float).reshape(-1, 2, 1, 3) - floor.world_SE3_left.translation) / rays
+        edges = (np.array(boxes, float).reshape(-1, 2, 1, 3) - floor.world_SE3_left.translation) / rays
     enter = np.nanmax(edges.min(axis=1), axis=-1)
     leave = np.nanmin(edges.max(axis=1), axis=-1)
     hits = np.where((enter < leave) & (enter > 0), enter, np.inf)

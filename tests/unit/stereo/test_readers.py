@@ -1,7 +1,7 @@
 """Readers of stereo recordings."""
 
 import threading
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -56,7 +56,7 @@ def test_damaged_image_is_skipped_with_its_reason(tmp_path, damage, why):
 def test_frames_whose_time_does_not_advance_are_skipped_with_the_reason(tmp_path):
     times, image = [0.0, 0.1, np.nan, 0.1, 0.05, 0.2], np.zeros((H, W), np.uint8)
 
-    def decode(indices: Sequence[int] | None) -> Generator[tuple[Decoded], None, None]:
+    def decode(indices):
         for index in range(6) if indices is None else indices:
             yield (Decoded(index, times[index], image),)
 
@@ -177,7 +177,7 @@ def test_single_camera_folder_is_a_video(tmp_path):
 
 
 def test_prefetch_passes_errors_on():
-    def source() -> Iterator[int]:
+    def source():
         yield 0
         raise OSError("gone")
 
@@ -188,7 +188,7 @@ def test_prefetch_passes_errors_on():
 def test_closed_prefetch_stops_its_thread_with_its_source():
     before, closed = threading.active_count(), threading.Event()
 
-    def source() -> Iterator[int]:
+    def source():
         try:
             yield from range(1000)
         finally:

@@ -24,7 +24,7 @@ def closed(monkeypatch: pytest.MonkeyPatch, path: Path) -> None:
     """Take the right to read a file or folder away, for the owner of the machine, too."""
     opened, listed, access = Path.open, Path.iterdir, os.access
 
-    def refuse(own: Path) -> None:
+    def refuse(own):
         if own == path:
             raise PermissionError(13, "Permission denied", str(own))
 

@@ -21,7 +21,7 @@ def save(folder: Path, names: Sequence[str], size: tuple[int, int] = (40, 30)) -
     for i, name in enumerate(names):
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        cv2.imwrite(str(path), np.full((size[1], size[0]), 10 * i + 5, dtype=np.uint8))
+        cv2.imwrite(str(path), np.full((size[1], size[0]), 10 * i + 5, np.uint8))
     return folder
 
 

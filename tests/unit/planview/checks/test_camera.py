@@ -92,7 +92,7 @@ def test_textured_person_before_a_plain_wall_is_no_moving_camera():
 def test_crowd_that_fills_the_view_is_no_moving_camera():
     steps = np.array([-2, -2, 2, 2] * 3) * np.random.default_rng(3).uniform(0.7, 1.3, 12)
 
-    def crowd(i: int) -> U8:
+    def crowd(i):
         rows = [np.roll(SCENE[10 * row : 10 * row + 10], round(step * i), axis=1) for row, step in enumerate(steps)]
         return window(np.concatenate(rows))
 
@@ -100,7 +100,7 @@ def test_crowd_that_fills_the_view_is_no_moving_camera():
 
 
 def test_camera_that_zooms_while_turning_moves():
-    def zoomed(i: int) -> U8:
+    def zoomed(i):
         motion = cv2.getRotationMatrix2D((80.0, 60.0), 0.5 * i, 1.0 + 0.01 * i)
         return cv2.warpAffine(SCENE, motion, SIZE, borderMode=cv2.BORDER_REFLECT)
 

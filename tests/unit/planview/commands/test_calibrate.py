@@ -150,7 +150,7 @@ def test_whole_bodies_apart_are_samples():
 
 
 def test_parts_of_people_are_not_of_the_usual_size():
-    def standing(u: float, v: float, height: float) -> HumanSample:
+    def standing(u, v, height):
         return HumanSample((u - 10, v - height, 20, height), (u, v - height), (u, v))
 
     people = [standing(u, v, 0.3 * v) for u in range(50, 300, 50) for v in range(100, 220, 20)]

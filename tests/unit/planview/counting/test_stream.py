@@ -148,7 +148,7 @@ def test_truth_counts_at_once_but_not_steps_back_within_the_hysteresis():
     rules = parse_rules({"tripwire": [WIRE]}, RulePlane(), "r")
     y = np.array([0.5, -0.15, 0.08, -0.5])
     frame = np.arange(4)
-    truth = positions_table(frame, np.ones(4, dtype=np.int64), np.column_stack([np.ones(4), y]))
+    truth = positions_table(frame, np.ones(4, np.int64), np.column_stack([np.ones(4), y]))
     clock = Clock(positions_table(frame, frame, np.zeros((4, 2)), timestamp_s=frame / 10), 30.0)
     (event,) = count_truth(truth, rules, clock).events
     assert event.direction == "left_to_right"
@@ -156,7 +156,7 @@ def test_truth_counts_at_once_but_not_steps_back_within_the_hysteresis():
 
 
 def test_tracks_are_a_short_table_in_a_notebook():
-    tracks = positions_table(np.arange(9), np.ones(9, dtype=np.int64), np.zeros((9, 2)))
+    tracks = positions_table(np.arange(9), np.ones(9, np.int64), np.zeros((9, 2)))
     assert tracks._repr_html_().count("<tr>") == 5 and len(repr(tracks)) <= 200
 
 
@@ -185,7 +185,7 @@ def test_queue_counts_people_who_wait():
 def test_lines_in_pixels_are_crossed_by_the_foot_of_the_box():
     rules = parse_rules({"tripwire": [{"name": "w", "from_px": [0, 100], "to_px": [200, 100]}]}, RulePlane(), "r")
 
-    def events(bottoms: Sequence[float]) -> list[str]:
+    def events(bottoms):
         counter = Analytics(rules, AnalyticsParams(hysteresis_m=0.25, min_age_s=0.0))
         found = []
         for i, bottom in enumerate(bottoms):
@@ -241,7 +241,7 @@ METRES, PIXELS = re.findall(r"```toml\n(.*?)```", PAGE.read_text(encoding="utf-8
 def rows_of(xy_m: np.ndarray | None = None, box_px: np.ndarray | None = None) -> Trajectories:
     """Forty frames of one person."""
     frame, xy_m = np.arange(40), np.full((40, 2), np.nan) if xy_m is None else xy_m
-    return positions_table(frame, np.ones(40, dtype=np.int64), xy_m, None, 0.1 * frame, box_px)
+    return positions_table(frame, np.ones(40, np.int64), xy_m, None, 0.1 * frame, box_px)
 
 
 STEPS = np.arange(40.0)

@@ -16,14 +16,14 @@ from planview.trajectories.plot import person_rgb
 from planview.trajectories.state import TrackState
 
 CAMERA = GroundCamera(640, 480, 500.0, 3.0, math.radians(60))
-GREY: U8 = np.full((480, 640, 3), 128, dtype=np.uint8)
+GREY: U8 = np.full((480, 640, 3), 128, np.uint8)
 
 
 def has(picture: U8, colour: tuple[int, int, int]) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
     return (picture == as_bgr(colour)).all(axis=2)
 
 
-RGB = np.array([person_rgb(i) for i in range(1, 60)], dtype=float)
+RGB = np.array([person_rgb(i) for i in range(1, 60)], float)
 
 
 def test_colours_of_neighbouring_ids_are_far_apart():
@@ -58,7 +58,7 @@ def test_rule_beyond_the_view_draws_nothing():
 
 
 def test_labels_do_not_cover_one_another():
-    picture = np.zeros((100, 200, 3), dtype=np.uint8)
+    picture = np.zeros((100, 200, 3), np.uint8)
     labels = Labels(picture)
     labels.put("11", (50, 60), (255, 0, 0))
     labels.put("22", (50, 60), (0, 255, 0))
@@ -119,12 +119,12 @@ def test_points_that_no_rule_has_are_refused(points):
 
 
 def test_legend_lies_below_the_picture():
-    picture = np.full((50, 300), 128, dtype=np.uint8)
+    picture = np.full((50, 300), 128, np.uint8)
     shown = with_legend(picture, [Entry((255, 0, 0), "above"), Entry((0, 0, 255), "below")])
     assert shown.shape == (50 + STRIP_PX, 300, 3) and (shown[:50] == 128).all()
     assert all((shown[50:] == colour).all(axis=2).any() for colour in ((0, 0, 255), (255, 0, 0)))
 
 
 def test_long_legend_goes_on_in_another_strip():
-    picture = np.zeros((50, 120, 3), dtype=np.uint8)
+    picture = np.zeros((50, 120, 3), np.uint8)
     assert with_legend(picture, [Entry((9, 9, 9), "a long meaning")] * 3).shape[0] == 50 + 3 * STRIP_PX

@@ -109,7 +109,7 @@ SHAPE, SEARCHED = (48, 64), DisparityRange(0, 64)
 @pytest.fixture
 def disparity() -> F32:
     """Rows from 8 to 40 px, the upper quarter unknown."""
-    rows = np.linspace(8, 40, SHAPE[0], dtype=np.float32)[:, None] * np.ones((1, SHAPE[1]), dtype=np.float32)
+    rows = np.linspace(8, 40, SHAPE[0], dtype=np.float32)[:, None] * np.ones((1, SHAPE[1]), np.float32)
     rows[:12] = np.nan
     return rows
 
@@ -201,8 +201,8 @@ def seen(points: FloorPoints) -> View:
 
 
 def point(x_m: float, z_m: float, pixel: int) -> FloorPoints:
-    xyz = np.array([[x_m, 0.0, z_m]], dtype=np.float32)
-    return FloorPoints(xyz, np.ones(1, dtype=np.float32), np.array([pixel], dtype=np.int32))
+    xyz = np.array([[x_m, 0.0, z_m]], np.float32)
+    return FloorPoints(xyz, np.ones(1, np.float32), np.array([pixel], np.int32))
 
 
 def person(x_m: float, state: State = "confirmed", track_id: int = 1) -> TrackState:

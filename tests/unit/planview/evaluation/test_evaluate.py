@@ -93,7 +93,7 @@ def test_breakdown_groups_rows():
     far = positions_table(np.arange(40), np.full(40, 2), np.tile([3.0, 4.0], (40, 1)), visible=np.full(40, 0.5))
     result = evaluate_tracks(replace(near, x_m=near.x_m + 0.1), concatenate([near, far])).to_json()
 
-    def counts(key: str) -> dict[str, tuple[int, int]]:
+    def counts(key):
         return {row["group"]: (row["truth_rows"], row["matches"]) for row in result[key] if row["truth_rows"]}
 
     assert counts("by_distance") == {"0-2": (100, 100), "4-6": (40, 0)}
@@ -174,7 +174,7 @@ def test_track_of_a_hidden_person_is_not_handed_to_the_untracked_neighbour():
 def test_boxes_match_at_half_overlap_without_floor_positions():
     nowhere = np.full((10, 2), np.nan)
     box = np.tile([10.0, 10.0, 20.0, 60.0], (10, 1))
-    truth = positions_table(np.arange(10), np.ones(10, dtype=np.int64), nowhere, box_px=box)
+    truth = positions_table(np.arange(10), np.ones(10, np.int64), nowhere, box_px=box)
     params = EvaluationParams(match_on="boxes")
     near, far = (replace(truth, box_px=box + np.array([right, 0, 0, 0])) for right in (5, 11))
     assert evaluate_tracks(near, truth, params).clear.mota == 1.0
@@ -389,6 +389,6 @@ def test_alignment_starts_from_boxes_where_both_have_them():
 
 
 def test_alignment_needs_people_who_move():
-    still = positions_table(np.arange(20), np.ones(20, dtype=np.int64), np.zeros((20, 2)))
+    still = positions_table(np.arange(20), np.ones(20, np.int64), np.zeros((20, 2)))
     with pytest.raises(WorkError, match="tracks that move"):
         align_tracks(still, still, 0.5)

@@ -32,7 +32,7 @@ from planview.trajectories.table import Trajectories
 
 def table(rows: list[tuple[float, ...]]) -> Trajectories:
     """Rows of frame, id, x, y."""
-    data = np.array(sorted(rows), dtype=np.float64).reshape(-1, 4)
+    data = np.array(sorted(rows), np.float64).reshape(-1, 4)
     return positions_table(data[:, 0].astype(np.int64), data[:, 1].astype(np.int64), data[:, 2:])
 
 
@@ -278,7 +278,7 @@ def test_track_on_no_person_for_a_second_is_false_once():
 
 
 def test_track_on_no_person_for_less_than_a_second_is_no_error():
-    assert found([], [TrackHistory(9, np.arange(9), np.ones(9, dtype=bool))]) == []
+    assert found([], [TrackHistory(9, np.arange(9), np.ones(9, bool))]) == []
 
 
 def test_moment_near_a_person_does_not_excuse_a_false_track():
@@ -294,9 +294,9 @@ def test_most_of_the_time_near_a_person_excuses_a_false_track():
 
 def predicted(n: int, off: slice, track_id: int = 5) -> PredictionHistory:
     """Predictions of person 1 in n frames from frame 100 on, some of them off."""
-    strays = np.zeros(n, dtype=bool)
+    strays = np.zeros(n, bool)
     strays[off] = True
-    return PredictionHistory(track_id, 100 + np.arange(n), np.ones(n, dtype=np.int64), strays)
+    return PredictionHistory(track_id, 100 + np.arange(n), np.ones(n, np.int64), strays)
 
 
 def of_predictions(*predictions: PredictionHistory, tracks: list[TrackHistory] | None = None) -> list[SignificantError]:
@@ -315,7 +315,7 @@ def test_prediction_off_its_person_for_a_second_at_a_time_is_no_error(frames, of
 
 
 def test_track_is_false_once_however_its_rows_came_about():
-    stray = TrackHistory(5, np.arange(20), np.ones(20, dtype=bool))
+    stray = TrackHistory(5, np.arange(20), np.ones(20, bool))
     assert [error.frame for error in of_predictions(predicted(20, slice(0, 20)), tracks=[stray])] == [0]
     assert len(of_predictions(predicted(20, slice(0, 20), track_id=6), tracks=[stray])) == 2
 

@@ -184,7 +184,7 @@ def test_feedback_background_is_learned_within_seconds():
 
 
 def test_frame_rate_does_not_change_how_long_learning_takes():
-    def absorbed_after(fps: float) -> float:
+    def absorbed_after(fps):
         scene = Scene(fps=fps)
         scene.watch(3)
         start = scene.time_s

@@ -238,7 +238,7 @@ def longer(file: Any) -> None:
 def other(name: str, values: object) -> Callable[[Any], None]:
     """The dataset holds something else."""
 
-    def damage(file: Any) -> None:
+    def damage(file):
         del file[name]
         file[name] = values
 
@@ -250,7 +250,7 @@ def at(name: str, place: int, value: float) -> Callable[[Any], None]:
 
 
 def pose(place: tuple[int, int], value: float) -> Callable[[Any], None]:
-    def damage(file: Any) -> None:
+    def damage(file):
         matrix = file["floor"].attrs["world_SE3_left"]
         matrix[place] = value
         file["floor"].attrs["world_SE3_left"] = matrix

@@ -21,7 +21,7 @@ def walk(
     frames: range, track_id: int = 1, y_m: float = 0.0, speed_mps: float = 1.0, height_m: float = 1.7
 ) -> Trajectories:
     """A person walking along x, at x = 0 in frame 0."""
-    frame = np.array(frames, dtype=np.int64)
+    frame = np.array(frames, np.int64)
     xy = np.column_stack([0.1 * speed_mps * frame, np.full(len(frame), y_m)])
     table = positions_table(frame, np.full_like(frame, track_id), xy, np.full(len(frame), height_m), 0.1 * frame)
     return replace(table, velocity_mps=np.tile((speed_mps, 0.0), (len(frame), 1)))
@@ -151,7 +151,7 @@ def test_refinement_keeps_the_table_whole(pieces):
 def tracks(*parts: tuple[int, Sequence[int], float]) -> Trajectories:
     """Parts of (id, frames, x), who walk 0.1 m a frame along y."""
     rows = sorted((frame, i, x, 0.1 * frame) for i, frames, x in parts for frame in frames)
-    frame, ids = np.array([row[:2] for row in rows], dtype=np.int64).T
+    frame, ids = np.array([row[:2] for row in rows], np.int64).T
     return positions_table(frame, ids, np.array([row[2:] for row in rows]), timestamp_s=frame / 10)
 
 
@@ -202,7 +202,7 @@ def test_rename_keeps_rows_sorted():
 
 def test_hole_of_a_polygon_is_outside():
     region = Region("POLYGON ((0 0, 4 0, 4 4, 0 4, 0 0), (1 1, 3 1, 3 3, 1 3, 1 1))", "test")
-    corners = positions_table(np.arange(3), np.ones(3, dtype=np.int64), np.array([[0.5, 0.5], [2.0, 2.0], [5.0, 2.0]]))
+    corners = positions_table(np.arange(3), np.ones(3, np.int64), np.array([[0.5, 0.5], [2.0, 2.0], [5.0, 2.0]]))
     assert region.contains(corners).tolist() == [True, False, False]
 
 

@@ -20,7 +20,7 @@ def street(tmp_path) -> Path:
     video.mkdir()
     out.mkdir()
     for n in range(FRAMES):
-        write_image(video / f"{n:03d}.png", np.full((120, 160), 100 + n, dtype=np.uint8))
+        write_image(video / f"{n:03d}.png", np.full((120, 160), 100 + n, np.uint8))
     truth = "".join(f"{n},1,0.0,6.0,1.7\n" for n in range(FRAMES))
     (video / "truth.csv").write_text("frame,id,x_m,y_m,height_m\n" + truth)
     tracks = [f"{n},{n / 10:.4f},4,0.0,6.0,1.7,confirmed" for n in range(FRAMES) if not 10 <= n < 25]

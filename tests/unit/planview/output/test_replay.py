@@ -180,7 +180,7 @@ def test_viewer_sends_no_statistics(monkeypatch):
 def test_web_view_listens_on_this_machine_only(tmp_path, monkeypatch, caplog):
     called = []
 
-    def started(words: list[str], **_: object) -> SimpleNamespace:
+    def started(words, **_):
         called.append(words)
         return SimpleNamespace(wait=lambda: 0, pid=2**30)  # of no process
 
@@ -216,13 +216,13 @@ def test_viewer_ends_with_the_command(tmp_path):
 
 
 def test_templates_are_drawn_side_by_side():
-    tiles = {"b": np.full((3, 3), 0.5, dtype=np.float32), "a": np.full((5, 4), 200, dtype=np.uint8)}
+    tiles = {"b": np.full((3, 3), 0.5, np.float32), "a": np.full((5, 4), 200, np.uint8)}
     shown = mosaic(tiles)
     assert shown.shape == (5, 4 + 1 + 3 + 1) and (shown[0, 0], shown[0, 5], shown[4, 5]) == (200, 255, 0)
 
 
 def test_foreground_is_drawn_in_pixels_of_the_image():
-    mask = np.zeros((60, 80), dtype=np.uint8)
+    mask = np.zeros((60, 80), np.uint8)
     mask[10:30, 20:40] = 255
     strips = outlines(mask, (160, 120)).strips
     (corners,) = strips.as_arrow_array().to_pylist()

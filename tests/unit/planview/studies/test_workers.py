@@ -23,7 +23,7 @@ def test_processes_are_limited_to_one_thread_of_numerical_libraries(client):
 
 
 def test_task_that_fails_stops_no_other(client):
-    def inverse(number: float) -> float:
+    def inverse(number):
         if number < 0:
             raise WorkError("expected a number from 0")
         return 1 / number
@@ -35,7 +35,7 @@ def test_task_that_fails_stops_no_other(client):
 
 
 def test_task_that_kills_its_process_takes_no_other_with_it(client):
-    def deadly(how: object) -> object:
+    def deadly(how):
         if isinstance(how, signal.Signals):
             os.kill(os.getpid(), how)
         if how == "exit":

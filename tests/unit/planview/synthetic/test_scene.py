@@ -123,7 +123,7 @@ def test_low_seats_lower_the_head_more_than_a_chair():
     seats = {n: Furniture(kind=k, name=n, at_m=(2, 0), size_m=s) for n, k, s in
              (("low", "bench", (0.45, 0.5, 0.33)), ("chair", "chair", None))}  # fmt: skip
 
-    def top_m(t: float, **step: object) -> float:
+    def top_m(t, **step):
         person = walker(step, height_m=1.75)
         motion = scripted_motion(person, seats, 12)
         return Body(person, Palette()).pose(*pose_at(0, 1.75, motion, t)).top_m

@@ -68,7 +68,7 @@ def test_from_above_the_head_is_a_head_higher_than_the_shoulders():
 
 
 def test_the_body_table_is_a_head_over_shoulders_over_legs():
-    def width(rel: float) -> float:
+    def width(rel):
         w = int(((rel - 0.5) * TORSO.height_m - TABLE.w_min_m) / TABLE.cell_m)
         return float(TABLE.cover[0, LEVEL, :, w].sum()) * TABLE.cell_m
 

@@ -13,7 +13,7 @@ from planview.trajectories.table import Trajectories
 def person(frames: list[int], x_m: list[float], fps: float = 10.0) -> Trajectories:
     """One id in some frames, by x."""
     frame = np.array(frames)
-    ids = np.ones(len(frames), dtype=np.int64)
+    ids = np.ones(len(frames), np.int64)
     return positions_table(frame, ids, np.column_stack([x_m, np.zeros(len(frames))]), timestamp_s=frame / fps)
 
 
@@ -52,7 +52,7 @@ def test_boxes_jump_by_their_own_height():
     none = np.full((2, 2), np.nan)
     boxes = np.array([[0.0, 0.0, 40.0, 170.0], [400.0, 0.0, 40.0, 170.0]])  # 4 m at 100 px per metre
     frame = np.arange(2)
-    table = positions_table(frame, np.ones(2, dtype=np.int64), none, timestamp_s=frame / 10, box_px=boxes)
+    table = positions_table(frame, np.ones(2, np.int64), none, timestamp_s=frame / 10, box_px=boxes)
     assert numbers(table) == [0, 1]
 
 

@@ -11,7 +11,7 @@ from calib.errors import InputError
 from planview.trajectories.identities import judge_ids, recording_starts, split_paths
 from planview.trajectories.table import Trajectories, concatenate, people_of, table_of
 
-NEVER = np.empty(0, dtype=np.int64)
+NEVER = np.empty(0, np.int64)
 
 
 def walkers(ids: Sequence[int] = (1, 2, 3), first: int = 0, frames: int = 100, speed_mps: float = 1.0) -> Trajectories:

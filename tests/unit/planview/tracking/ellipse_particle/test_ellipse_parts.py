@@ -24,7 +24,7 @@ FIT_SIZE = Size(12.0, 0.0, 1.0, 0.4)
 
 
 def mask_of(*ellipses: tuple[float, ...]) -> np.ndarray:
-    return paint(np.array(ellipses, dtype=np.float64), FIT_SHAPE).any(axis=0).astype(np.float32)
+    return paint(np.array(ellipses, np.float64), FIT_SHAPE).any(axis=0).astype(np.float32)
 
 
 @pytest.mark.parametrize(

@@ -135,7 +135,7 @@ def test_debug_shows_what_was_measured():
 
 def test_people_are_found_again_after_flooded_frames():
     people = [foreground((20 + 2 * i, 60)) for i in range(40)]
-    people[20:24] = [np.full(SHAPE, 255, dtype=np.uint8)] * 4
+    people[20:24] = [np.full(SHAPE, 255, np.uint8)] * 4
     out = follow(EllipseParticleTracker(GIVEN), people)
     assert [s.state for s in out[22]] == ["lost"]
     assert [(s.track_id, s.state) for s in out[-1]] == [(1, "confirmed")]
@@ -152,7 +152,7 @@ def test_frames_that_show_nothing_are_not_waited_for():
 
 @pytest.mark.parametrize("value", [0, 255])
 def test_a_mask_without_an_outline_gives_no_tracks(value):
-    masks = [np.full(SHAPE, value, dtype=np.uint8)] * 5
+    masks = [np.full(SHAPE, value, np.uint8)] * 5
     assert follow(EllipseParticleTracker(EllipseParticleParams()), masks) == [()] * 5
 
 

@@ -40,7 +40,7 @@ def test_walker_is_one_track_near_the_truth_with_the_box_of_the_whole_model():
 
 
 def test_two_who_enter_side_by_side_are_split():
-    def path(t: float) -> list[Drawn]:
+    def path(t):
         return [(-2.5 + 1.2 * t, 6.0, RED), (-1.8 + 1.2 * t, 6.0, BLUE)]
 
     _, states, kinds = run(path, 3.0)
@@ -48,7 +48,7 @@ def test_two_who_enter_side_by_side_are_split():
 
 
 def test_ids_survive_a_crossing():
-    def path(t: float) -> list[Drawn]:
+    def path(t):
         return [(-2.5 + 1.2 * t, 6.0, RED), (2.5 - 1.2 * t, 6.6, BLUE)]
 
     _, states, _ = run(path, 4.0)
@@ -74,7 +74,7 @@ def test_a_walker_is_predicted_through_frames_that_show_nothing():
 
 
 def test_person_who_was_hidden_for_long_has_the_same_id_again():
-    def path(t: float) -> list[Drawn]:
+    def path(t):
         return [(-2.5 + t, 6.0, RED)] if t < 2.5 else [(11.0 - t, 4.5, RED)] * (t >= 9.0)
 
     _, states, _ = run(path, 12.0)

@@ -50,7 +50,7 @@ def test_a_newcomer_who_may_be_nobody_claims_no_identity_before_one_who_is_repor
 
 
 def test_one_tall_frame_does_not_make_a_person_of_a_low_thing():
-    def seen(*heights_m: float) -> Person:
+    def seen(*heights_m):
         person = newcomer(-1, 0.0, 0.5, 8.0)
         person.identity.walk.evidence = 0.0
         see(person, visible_share=0.5, patches=20.0)
@@ -75,7 +75,7 @@ def test_who_walks_out_is_expected_ahead_or_back_in_the_door():
 
 
 def test_clothes_tell_people_apart_as_far_as_others_do_not_wear_them():
-    def dressed(code: int) -> Clothes:
+    def dressed(code):
         clothes = Clothes()
         clothes.histograms[:, code] = 5.0
         return clothes

@@ -113,7 +113,7 @@ def test_legs_alone_are_as_tall_as_anybody():
 
 
 def test_who_enters_far_from_where_another_left_is_someone_else():
-    def scene(t: float) -> list[tuple[float, ...]]:
+    def scene(t):
         if t < 1.0:
             return [(-1.0 - 0.8 * t, 3.0, 1.7)]
         return [(1.6 - 1.0 * (t - 1.8), 3.0, 1.7)] if t >= 1.8 else []
