@@ -41,7 +41,7 @@ Way = Literal["online", "refined"]
 JUDGING_SEED = 100
 """The engine is tuned on seeds below; seeds from here on judge it, each once."""
 OVER_S = 10.0
-"""Scenes may be this much longer together than the minutes that are wanted [s]."""
+"""Scenes may be this much longer together than the minutes of the target [s]."""
 
 
 @dataclass(frozen=True)
@@ -91,8 +91,8 @@ def suite_recording(path: Path, seed: int, cache: Path) -> tuple[Path, Scene]:
 
 
 def run_job(job: SuiteJob) -> dict[Way, SceneScore] | str:
-    """Render, track (both once, from the cache when they are there) and score one scene in every way asked for; or why
-    it cannot be made, or the engine refuses it."""
+    """Render, track (both once, from the cache when they are there) and score one scene in every way that was chosen;
+    or why it cannot be made, or the engine refuses it."""
     try:
         recording, scene = suite_recording(job.path, job.seed, job.cache)
         folder = run_pass(Pass(recording, job.cache, job.config, job.tracker))

@@ -416,9 +416,9 @@ class Standing(Carried):
         if turns is None:
             turns = np.zeros((len(images), 4))
         if is_new:
-            # As if there had been looks before, of the view that was believed.
-            believed = turns if self._is_moved else np.zeros_like(turns)
-            self._turns = deque([(now_s, believed)] * (LOOKS_MIN - 1))
+            # As if there had been looks before, of the view so far.
+            assumed = turns if self._is_moved else np.zeros_like(turns)
+            self._turns = deque([(now_s, assumed)] * (LOOKS_MIN - 1))
             self._since_s = now_s
         self._turns.append((now_s, turns))
         mean = np.mean([each for _, each in self._turns], axis=0)

@@ -129,7 +129,7 @@ def given_tracks(tracks: Trajectories | DataFrame | Path | str) -> GivenTracks:
 
 @contextmanager
 def log_errors_only(quiet: bool) -> Iterator[None]:
-    """Keep warnings out of planview's loggers while work goes on, where it is to be ``quiet``."""
+    """Keep warnings out of planview's loggers during the work, where it is to be ``quiet``."""
     logger = logging.getLogger("planview")
     before = logger.level
     if quiet:

@@ -93,7 +93,7 @@ def run(
         maps: Also write maps.h5: foreground points of every frame as disparities and coarse colour codes, without
             images.
         frames: Frames to track, FIRST:LAST, or N for the first N: the background is learned from the first of them on.
-        view: Show the run in rerun while it goes on: in a window, or where there is no display on a page whose address
+        view: Show the run in rerun while it runs: in a window, or where there is no display on a page whose address
             is printed.
         watch: Called after every frame.
         progress: Called with how many frames are done, and how many there are in all.

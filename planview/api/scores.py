@@ -237,7 +237,7 @@ def _write_counts(tracks: Path | None, folder: Path | None, events: Sequence[Eve
     rows = io.StringIO()
     write_event_header(rows)
     write_event_rows(rows, events)
-    with folder_lock(folder):  # a run that goes on writes its own
+    with folder_lock(folder):  # an unfinished run writes its own
         write_result(folder / "events.csv", rows.getvalue())
         write_result(folder / "counts.json", json.dumps(result, indent=2) + "\n")
     if files:

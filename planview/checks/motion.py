@@ -35,8 +35,8 @@ MAX_REPEATED = 0.1
 COPIES_MAX = 2
 """Longest time in which a pair that repeats is a copy, and not a camera that stands still [frames]."""
 JUMPED = 1.5
-"""Images that stood still go on with this many times the movement of the frame before: people walked on meanwhile, and
-who stood starts slowly."""
+"""Images that stood still continue with this many times the movement of the frame before: people walked on meanwhile,
+and who stood starts slowly."""
 
 
 class PairChanges(NamedTuple):

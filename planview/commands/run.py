@@ -57,7 +57,7 @@ def run(call: Call) -> None:
         planview run my_recording --out out --maps
         planview run out/maps.h5 --out again --tracker template
 
-    Example of watching it while it goes on: planview run my_recording --out out --view
+    Example of watching it while it runs: planview run my_recording --out out --view
 
     Example with one camera: planview run street.mp4 --tracker human-model --calibration camera.toml --out out
 

@@ -1,4 +1,4 @@
-"""People at a moment: what is drawn of them in any picture."""
+"""People at a moment, as every picture shows them."""
 
 from __future__ import annotations
 

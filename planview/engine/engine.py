@@ -190,7 +190,7 @@ class Engine:
         yield from self.after(-1)
 
     def after(self, frame: int, last: int | None = None) -> Iterator[FrameResult]:
-        """Go on tracking after a frame, with the memory of the frames up to it, to a last one or to the end."""
+        """Continue tracking after a frame, with the memory of the frames up to it, to a last one or to the end."""
         measured = self._measure_frames(frame, last)
         try:
             with closing(prefetch(measured, self.ahead) if self.ahead else measured) as frames:

@@ -1,7 +1,7 @@
 """The part that a truth covers, in time, in place and of each person: rows of tracks outside of it are not judged.
 
-A track that follows a person and goes on where the truth has no row of that person shows that the truth ends there, and
-not the person.
+A track that follows a person and continues where the truth has no row of that person shows that the truth ends there,
+and not the person.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from planview.evaluation.places import Places, near_unit, nearest_rows, places_o
 from planview.trajectories.table import Trajectories, ordinal, rows_by_id
 
 GOES_ON_S = 1.0
-"""A track that goes on for longer after the last row of a truth shows that the truth ends before the recording [s]:
+"""A track that continues for longer after the last row of a truth shows that the truth ends before the recording [s]:
 nobody is followed so long after leaving (our choice)."""
 OUTSIDE = 0.1
-"""Share of the rows that must go on outside of the truth's places: tracks end a little after people leave."""
+"""Share of the rows that must lie outside of the truth's places: tracks end a little after people leave."""
 MOSTLY = 0.5
 """Share of the rows outside that must be of tracks that follow people of the truth inside: others may be false. And
 share of the truth's rows that must be near a track."""
@@ -114,5 +114,5 @@ def _gaps(truth: Trajectories, tracks: Trajectories, nearest: I64) -> I64:
 
 
 def _closest(numbers: I64, wanted: I64) -> I64:
-    """Indices of the numbers, ascending, that are closest to the wanted ones."""
+    """Indices of the numbers, ascending, that are closest to the given ones."""
     return np.searchsorted((numbers[:-1] + numbers[1:]) / 2, wanted)

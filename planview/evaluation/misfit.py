@@ -44,7 +44,7 @@ VOTERS = 300
 VOTED_ON = 1500
 """Rows of the tracks that vote."""
 PER_CHANGE = 1.03
-"""Odds against each change: so much more of the rows it must bring near a track (our choice)."""
+"""Odds against each change: the factor by which it must bring more rows near a track (our choice)."""
 CHANGES_MAX = 2
 """Changes tried together, besides a shift or an offset."""
 ALIKE = 1.01
@@ -247,7 +247,7 @@ def _later(frames: int) -> Hypothesis[Tables]:
 
 
 def _away(offset: F64, tracks: Reference) -> Hypothesis[Tables]:
-    """A truth that lies beside the tracks, which are two changes: across and along."""
+    """A truth that is shifted against the tracks, which are two changes: across and along."""
     if tracks.on_floor:
         x_m, y_m = (0.0 - CLOSE_M * offset).tolist()
         beside = f" is {x_m:+.2f}, {y_m:+.2f} m from the tracks"

@@ -220,7 +220,7 @@ _VIEWS = (
     "plot.png", "scene.webm", "frame-[0-9]*.png", "replay-[0-9]*.png", "evaluation.json",
     *(f"tracks*_{name}{form.suffix}" for name, form in FORMATS.items()),
 )  # fmt: skip
-"""Names, when none is given, of what is drawn and exported of a run."""
+"""Default names of pictures and exports of a run."""
 
 
 def check_folder(folder: Path, overwrite: bool, recording: Path | None = None) -> None:

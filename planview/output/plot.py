@@ -112,7 +112,7 @@ def figure_of(
 def _refuse_mixed(runs: Sequence[NamedTracks], panels: Sequence[Panel]) -> None:
     """Raise InputError for runs that cannot be drawn in one plot."""
     if len(runs) > len(RUN_COLOURS):
-        raise InputError(f"at most {len(RUN_COLOURS)} runs can be told apart in one plot, found {len(runs)}")
+        raise InputError(f"at most {len(RUN_COLOURS)} runs can be distinguished in one plot, found {len(runs)}")
     in_metres = {bool(np.isfinite(run.tracks.x_m).any()) for run in runs if len(run.tracks)}
     if len(in_metres) > 1:
         raise InputError("some of the runs are in metres and some in pixels; plot them one by one")

@@ -1,4 +1,4 @@
-"""A run in rerun: a file, or a viewer while the run goes on."""
+"""A run in rerun: a file, or a viewer during the run."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ IMAGES_SHARE = 0.12
 
 
 class ViewerLog:
-    """Sends a run to a viewer while it goes on: people, decisions and curves of all frames, images, clouds and maps of
+    """Sends a run to a viewer while it runs: people, decisions and curves of all frames, images, clouds and maps of
     as many as there is time for.
 
     Args:

@@ -78,7 +78,7 @@ class RunChecks(Carried):
         self.refuse()
 
     def update(self, result: FrameResult) -> None:
-        """Take a frame, and refuse the recording where that is wanted and a check fails by now."""
+        """Take a frame, and refuse the recording of a strict run once a check has failed."""
         if self._watch is not None:
             confirmed = [person for person in result.tracks if person.state == "confirmed"]
             places = {person.track_id: (person.x_m, person.y_m) for person in confirmed}
@@ -90,7 +90,7 @@ class RunChecks(Carried):
             self.refuse()
 
     def refuse(self) -> None:
-        """Raise InputError where that is wanted and a check has failed by now."""
+        """Raise InputError in a strict run once a check has failed."""
         if self._strict:
             refuse_unless_ok(self._all(), str(self._engine.recording.path))
 

@@ -88,7 +88,7 @@ class Viewer:
 
 
 class LiveViewer:
-    """The viewer of one run while it goes on, on free ports: a window where there is a display, else a page, which a
+    """The viewer of one run while it runs, on free ports: a window where there is a display, else a page, which a
     notebook shows; its address is printed, and it is served as long as this program runs.
 
     Attributes:

@@ -103,7 +103,7 @@ def _by_floor(scene: DepthScene, hypotheses: Sequence[Hypothesis[DepthScene]], s
 
 class PlaceOfDepth(NamedTuple):
     """Shift at which depth lies best on its image, across and down [px of 640], NaN where there are too few edges to
-    tell; and what explains that it is not where it should be."""
+    tell; and the explanation of a wrong place."""
 
     shift_px: tuple[float, float] = (math.nan, math.nan)
     finding: Finding | None = None
