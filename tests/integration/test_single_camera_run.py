@@ -89,7 +89,7 @@ def test_clip_without_motion_gives_no_people(run, tmp_path):
     assert len((tmp_path / "out" / "tracks.csv").read_text().splitlines()) == 1
 
 
-def test_deviations_of_the_camera_are_printed_and_in_the_tracks(cli, tmp_path):
+def test_deviations_of_the_camera_reach_the_tracks(cli, tmp_path):
     clip = write_clip(tmp_path / "clip.avi", there_throughout, 60)
     known = replace(load_ground_camera(camera(tmp_path)), std=CameraDeviations(0.1, 1.5, 0.12, 1.0, 0.02, 0.1))
     file = tmp_path / "camera.toml"

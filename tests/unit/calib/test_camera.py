@@ -131,7 +131,7 @@ def test_ground_camera_on_its_side_is_refused(camera_file):
         load_ground_camera(camera_file)
 
 
-def test_deviations_of_a_camera_are_read_as_written_and_grow_with_the_distance_of_a_place(tmp_path):
+def test_deviations_of_a_camera_grow_with_the_distance_of_a_place(tmp_path):
     std = CameraDeviations(0.1, 1.5, 0.12, 1.0, 0.02, 0.1)
     camera = GroundCamera(640, 480, 500.0, 4.0, 1.0, std=std)
     save_ground_camera(camera, tmp_path / "camera.toml")

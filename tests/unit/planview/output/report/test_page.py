@@ -243,7 +243,7 @@ def test_settings_that_differ_have_all_their_digits():
     assert rows == [("tracker", ["joint", "template"]), ("grid.cell_m", ["0.03", "0.030001"])]
 
 
-def test_report_plot_export_and_repr_count_the_same_people(tmp_path):
+def test_every_output_counts_the_same_people(tmp_path):
     write_tracks(tmp_path)
     with (tmp_path / "tracks.csv").open("a") as file:
         file.write("29,2.9,3,3,1,1.7,confirmed\n")  # for too short to be somebody
