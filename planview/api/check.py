@@ -10,7 +10,7 @@ from calib.io import parse_length
 from calib.rig import save_rig
 from planview.api.arguments import Settings, in_range, opening, path_of, settings
 from planview.api.contents import Contents, contents_of
-from planview.api.result import Result, table_text
+from planview.api.result import Result, table_text, text_of
 from planview.checks.check import Check
 from planview.checks.examine import Diagnosis, examine
 from planview.checks.pictures import write_pictures
@@ -71,15 +71,17 @@ def check(
     if quick:
         found = contents_of(path, options)
         values = found.values | {"missing": [str(error) for error in found.missing]}
-        return Result(found, values, found.cameras, ok=not found.missing)
+        shown = values
+        if fps := values.get("fps"):
+            shown = values | {"frames": f"{values['frames']} at {fps:.3f} per second", "fps": ""}
+        return Result(found, values, found.cameras, ok=not found.missing, text=text_of(shown))
     in_range("frames", frames, 4, 2000)
-    height_m = person_height
-    if isinstance(height_m, str):
-        height_m = parse_length(height_m, "person_height=")
-    if height_m is not None:
-        in_range("person_height", height_m, 0.5, 2.5, " m")
+    if isinstance(person_height, str):
+        person_height = parse_length(person_height, "person_height=")
+    if person_height is not None:
+        in_range("person_height", person_height, 0.5, 2.5, " m")
     search = floor_search(settings(config))
-    diagnosis = examine(path, options, frames=frames, person_height_m=height_m, search=search)
+    diagnosis = examine(path, options, frames=frames, person_height_m=person_height, search=search)
     checks = diagnosis.checks
     rows = [check.to_json() for check in checks]
     correction = _correct(diagnosis.seen, path_of(corrected_rig))
@@ -112,11 +114,11 @@ def verdict(checks: Sequence[Check]) -> list[str]:
     failed = [check for check in checks if check.failed]
     warned = [check for check in checks if not check.ok and check.warns]
     warnings = f"{len(warned)} warning{'s' * (len(warned) > 1)}"
-    lines = [*(f"failed: {c.sentence}" for c in failed), *(f"warning: {c.sentence}" for c in warned)]
+    lines = [f"failed: {c.sentence}" for c in failed] + [f"warning: {c.sentence}" for c in warned]
     if failed:
         also = f" and {warnings}" if warned else ""
-        first = f"Results of this recording cannot be trusted: {len(failed)} of {len(checks)} checks failed"
-        return [f"{first}{also}.", *lines]
+        also = f"{len(failed)} of {len(checks)} checks failed{also}"
+        return [f"Results of this recording cannot be trusted: {also}.", *lines]
     if warned:
         return [f"Results can be used, with {warnings}.", *lines]
     unknown = [check.name for check in checks if check.is_unknown]
@@ -133,6 +135,5 @@ def _table(checks: Sequence[Check]) -> str:
         value = "-" * check.is_unknown
         if check.number_text:
             value = f"{check.number_text} {check.unit}".strip()
-        cells = {"": mark, "check": check.name, "value": value, "limit": check.limit_text, "meaning": check.note}
-        rows.append(cells)
+        rows.append({"": mark, "check": check.name, "value": value, "limit": check.limit_text, "meaning": check.note})
     return table_text(rows)

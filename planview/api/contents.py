@@ -26,8 +26,7 @@ class Contents(NamedTuple):
     @property
     def cameras(self) -> list[dict[str, Any]]:
         """Those of all sensors."""
-        sensors = self.values.get("sensors", [self.values])
-        return [camera for sensor in sensors for camera in sensor["cameras"]]
+        return [camera for sensor in self.values.get("sensors", [self.values]) for camera in sensor["cameras"]]
 
 
 def contents_of(path: Path, options: OpenOptions) -> Contents:
@@ -55,7 +54,7 @@ def _contents(path: Path, options: OpenOptions) -> Contents:
     except InputError as error:
         error.remedy = error.remedy or "calibration"
         missing = [error]
-    fps = layout.clock.fps if math.isfinite(layout.clock.fps) else None
+    fps = layout.clock.fps if layout.clock.fps > 0 else None
     if fps is None:
         missing.append(InputError(f"{path}: the frames have no times, and there is no timestamps.csv", remedy="fps"))
     cameras = [_camera(stream, fps) for stream in layout.streams]
@@ -86,7 +85,7 @@ def _calibration(recording: AnyRecording) -> dict[str, Any]:
         "source": sensor.source,
         "focal_px": camera.fx,
         "fov_deg": [math.degrees(2.0 * math.atan(half)) for half in halves],  # of the pinhole without its distortion
-        "lens": camera.model if camera.distortion and any(camera.distortion) else "none",
+        "lens": camera.model if any(camera.distortion or ()) else "none",
         **sensor.lengths_m,
     }
 

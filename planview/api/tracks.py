@@ -195,9 +195,11 @@ def export(
         raise InputError("expected a file for a table of tracks, found None", argument="out")
     path = Path(out) if out is not None else file.with_name(f"{file.stem}_{to}{FORMATS[to].suffix}")  # type: ignore[union-attr]
     rate = written.fps or 0.0
-    people = people_of(found.table, run.frame_s if run else 1.0 / rate)
-    values = {"file": str(path), "rows": len(written.table), "people": len(people), "fps": rate}
-    exported = Result(path, values, files=[path])
+    rows = len(written.table)
+    people = len(people_of(found.table, run.frame_s if run else 1.0 / rate))
+    values = {"file": str(path), "rows": rows, "people": people, "fps": rate}
+    text = f"{path}: {rows:,} rows of {people} people, {rate:g} frames per second"
+    exported = Result(path, values, files=[path], text=text)
     if path == Path("-"):
         if to != "jsonl":
             raise InputError(f"only jsonl can be written to standard output, not {to}")
