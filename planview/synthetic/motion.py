@@ -204,9 +204,10 @@ def motion_from_ticks(
     along = np.arctan2(velocity[:, 1], velocity[:, 0])
     # Along the movement while moving, else as the step has it, else unchanged; turned smoothly the short way.
     current = float(np.deg2rad(person.face_deg))
-    moves = np.diff(xy, axis=0, prepend=xy[:1]).any(axis=1)
-    # Whoever walks backwards or sideways does not turn round while setting out and stopping.
-    aside = 1.0 * (moves & np.isfinite(face))
+    # Whoever walks backwards or sideways does not turn round while setting out and stopping; a seat is a place, and no
+    # way to it: a jump, faster than anybody walks.
+    ways_m = np.linalg.norm(np.diff(xy, axis=0, prepend=xy[:1]), axis=1)
+    aside = 1.0 * ((ways_m > 0) & (ways_m < 7.0 / TICK_HZ) & np.isfinite(face))
     faces_aside = gaussian_filter1d(aside, 0.22 * TICK_HZ) > 0.02
     desired = np.where((speed > 0.25) & ~faces_aside, along, face)
     headings = np.empty_like(desired)
