@@ -192,10 +192,6 @@ def named(recording: Recording[Any], consecutive: bool) -> str:
     return kind.late if kind.is_late(recording.sensor, run) else ""
 
 
-def _pair_finding(recording: Recording[Any], spread: Sequence[Frame[Shot]]) -> Finding | None:
-    return diagnose(recording)
-
-
 def _depth_finding(recording: Recording[Any], spread: Sequence[Frame[Shot]]) -> Finding | None:
     place = place_of_depth(spread).finding
     offset = place if place and place.hypothesis.remedy == REGISTER else None  # a warning: where there is a floor
@@ -231,7 +227,7 @@ class Kind(NamedTuple):
 KINDS: dict[type, Kind] = {
     StereoPair: Kind(
         lambda sensor: pair_faults(sensor.rig),
-        _pair_finding,
+        lambda recording, spread: diagnose(recording),
         NOT_SYNCHRONOUS,
         _is_pair_late,
         lambda sensor: nullcontext(),

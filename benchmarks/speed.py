@@ -26,6 +26,7 @@ from calib.errors import WorkError
 from calib.images import as_grey
 from calib.rig import StereoRig
 from calib.types import U8, AnyArray
+from planview.api.arguments import in_range
 from planview.api.run import run
 from planview.engine.config import load_config
 from planview.engine.engine import STAGES, Engine
@@ -73,6 +74,7 @@ def speed(
     """
     if start:
         return tables(start=start_rows(recording))
+    in_range("frames", frames, 10, 1_000_000)
     engine = bench_engine(recording, tracker, load_config(overrides=overrides), camera)
     decoded = list(islice(engine.recording, SETTLED_FRAMES + frames))
     if len(decoded) < 2:

@@ -23,10 +23,10 @@ def typed(error: InputError | WorkError) -> str:
     """The sentence of an error with options in place of Python's arguments, and with the command that writes a
     camera.toml, or the trackers of one camera, where these are needed."""
     sentence = re.sub(r"^(\w+)=: ", lambda argument: f"{option_of(argument[1])}: ", error.sentence(option_of))
-    if error.remedy == "camera" or isinstance(error, LensOnlyError):
+    if "human-model" in sentence or isinstance(error, LensOnlyError):
         focal = f" --focal {error.focal_px:.0f}" if isinstance(error, LensOnlyError) else ""
         sentence += f" (planview calibrate human VIDEO --auto{focal} --out camera.toml writes one)"
-    if error.remedy == "calibration":
+    elif error.remedy == "calibration":
         sentence += (
             " FILE with one (of planview, OpenCV, Kalibr, ROS, ZED or DepthAI); or planview calibrate board PHOTOS "
             "--square 24mm --out rig.toml makes one from photos of a chessboard in both cameras; or track one camera: "

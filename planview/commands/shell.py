@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from cyclopts import Group, Parameter
 
 from calib.errors import InputError, WorkError
-from planview.commands.options import option_of, say, typed
+from planview.commands.options import OPTIONS, option_of, say, typed
 
 Flag = Annotated[bool, Parameter(negative="")]
 """A switch that is off unless it is given; there is no --no-... of it."""
@@ -26,8 +26,6 @@ JSON = {"json": "Print one JSON object to standard output."}
 """The switch of commands whose result can be printed for programs."""
 QUIET = {"quiet": "Show no progress."}
 """The switch of commands that take long."""
-NAMES = {"everything": "--all", "file": "--list"}
-"""Options that are called otherwise than the arguments of Python."""
 SET = Annotated[
     Sequence[str], Parameter(negative="", help="One parameter, e.g. foreground.learning_rate=0.002; can be repeated.")
 ]
@@ -133,8 +131,8 @@ def command(
 
 def _parameter(name: str, kind: Any, signature: inspect.Signature, is_option: bool) -> inspect.Parameter:
     """An argument of a function as the command line takes it; by its name, where it is an option or Python has none."""
-    if name in NAMES:
-        kind = Annotated[kind, Parameter(name=NAMES[name])]
+    if name in OPTIONS and name != "config":
+        kind = Annotated[kind, Parameter(name=OPTIONS[name])]
     of_python = signature.parameters.get(name)
     if of_python is None:
         default = () if name == "set" else False
@@ -170,6 +168,7 @@ def _typed(annotation: str, function: Callable[..., Any]) -> Any:
         return None
     if given == [bool]:
         return Flag
-    if get_origin(given[0]) is Sequence and get_origin(get_args(given[0])[0]) is not Literal:
+    first = given[0]
+    if get_origin(first) is Sequence and first != Sequence[int] and get_origin(get_args(first)[0]) is not Literal:
         return Annotated[Sequence[str], Parameter(negative="")]
     return reduce(or_, given + [NoneType] * (NoneType in parts))

@@ -153,14 +153,9 @@ def timed_rows(path: Path) -> TimedRows:
     firsts = [row[0] for row in cells]
     if _count_rows(cells):
         return TimedRows(path, [int(first) for first in firsts], [row[1] for row in cells])
-    if all(_holds_milliseconds(row) for row in cells):
+    if all(len(row) == 2 and ":" in row[0] and row[1].isdecimal() for row in cells):  # as Python's logs write them
         return TimedRows(path, None, [".".join(row) for row in cells])
     return TimedRows(path, None, firsts)
-
-
-def _holds_milliseconds(cells: Sequence[str]) -> bool:
-    """True if cells are a date and its milliseconds, as Python's logs write them with a comma between."""
-    return len(cells) == 2 and ":" in cells[0] and cells[1].isdecimal()
 
 
 def _count_rows(rows: Sequence[Sequence[str]]) -> bool:

@@ -105,7 +105,7 @@ def test_frames_that_are_all_unusable_are_a_failure(engine, recording, tmp_path)
     ("words", "named"),
     [
         (["--topics", "a"], "--topics"),
-        (["--tracker", "human-model"], "--camera"),
+        (["--tracker", "human-model"], "--calibration"),
         (["--rules", "none.toml"], "none.toml"),
         (["--config", "none.toml"], "none.toml"),
         (["--calibration", "none.toml"], "none.toml"),
