@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -40,7 +41,7 @@ def image_checks(frames: Sequence[Frame[Shot]]) -> list[Check]:
     ]
 
 
-def _median_of(measure: Callable[[U8], float], images: Sequence[U8]) -> float:
+def _median_of(measure: Callable[[U8], Any], images: Sequence[U8]) -> float:
     return float(np.median([measure(as_grey(image)) for image in images]))
 
 
@@ -51,8 +52,8 @@ def explained_check(name: str, finding: Finding | None, note: str, *, warns: boo
 
 def light_checks(*cameras: Sequence[U8]) -> list[Check]:
     """Over-exposure and under-exposure, from images of one camera, or of the left and the right one."""
-    saturated = [_median_of(_saturated_share, images) for images in cameras]
-    bright = [_median_of(_brightest_tenth, images) for images in cameras]
+    saturated = [_median_of(lambda image: np.mean(image[::2, ::2] >= SATURATED_LEVEL), images) for images in cameras]
+    bright = [_median_of(lambda image: np.percentile(image[::2, ::2], 90), images) for images in cameras]
     names = ["", ""] if len(cameras) == 1 else [" of the left camera", " of the right camera"]
     most_saturated = names[int(np.argmax(saturated))]
     darkest = names[int(np.argmin(bright))]
@@ -64,14 +65,6 @@ def light_checks(*cameras: Sequence[U8]) -> list[Check]:
         # Below this grey level of the brightest tenth of a picture, sensor noise is a good part of any texture.
         limit_check("under-exposure", min(bright), "grey", f"brightest tenth of the picture{darkest}", least=40.0),
     ]
-
-
-def _saturated_share(image: U8) -> float:
-    return float(np.mean(image[::2, ::2] >= SATURATED_LEVEL))
-
-
-def _brightest_tenth(image: U8) -> float:
-    return float(np.percentile(image[::2, ::2], 90))
 
 
 def grey_level(image: U8) -> float:

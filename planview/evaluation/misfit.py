@@ -192,10 +192,11 @@ FORMS: dict[str, Undo] = {
     "given by the middle of their lower edge": _change_boxes(lambda foot, size: (foot - size * [0.5, 1.0], size)),
     "given by two corners": _change_boxes(lambda first, last: (first, last - first)),
 }
-BOXES = (
-    *(_about_truth(f"'s boxes are {form}", "give left, top and size of people", u) for form, u in FORMS.items()),
-    *(_about_tracks(f"' boxes are {form}", "give left, top and size of people", u) for form, u in FORMS.items()),
-)
+BOXES = [
+    about(f"{whose} boxes are {form}", "give left, top and size of people", undo)
+    for about, whose in ((_about_truth, "'s"), (_about_tracks, "'"))
+    for form, undo in FORMS.items()
+]
 
 
 def _combine(*families: Sequence[Hypothesis[Tables]]) -> list[Hypothesis[Tables]]:

@@ -199,12 +199,14 @@ def body_table() -> BodyTable:
 
 @lru_cache(maxsize=1)
 def thing_tables() -> tuple[BodyTable, ...]:
-    """Tables of things, scaled as bodies are; front and back look the same."""
+    """Tables of things, scaled as bodies are, whose front and back look the same; and of a person in a long coat."""
     tables = []
     for bottom, slimness, depth in THINGS:
         part = BodyPart(((bottom, 1.0, slimness * TORSO.height_m, depth),))
         turns_rad = HALF_TURN_RAD[:-1] if depth < 1.0 else HALF_TURN_RAD[:1]
         tables.append(build_table((part,), turns_rad, u_cells=2 * U_CELLS))
+    coat = BodyPart(((0.0, 0.82, TORSO.torso_radius_m, 1.0),))
+    tables.append(build_table((coat, BodyPart(HEAD)), HALF_TURN_RAD[:1]))
     return tuple(tables)
 
 

@@ -128,10 +128,6 @@ def _units(per_metre: float) -> Hypothesis[DepthScene]:
     return Hypothesis(f"depth counts {per_metre:g} values per metre", SCALE, lambda scene: scene.read(in_metres))
 
 
-def _along_ray(values: AnyArray, stored: StoredDepth) -> F32:
-    return metres(values / stored.units_per_m / stored.ray, 1.0)
-
-
 def _inverse(values: AnyArray, stored: StoredDepth) -> F32:
     """Depth of values that grow towards the camera, the usual one at 3 m: their unit is not known."""
     return metres(np.where(values > 0, 3.0 * stored.usual / np.maximum(values, 1e-6), 0.0), 1.0)
@@ -143,7 +139,7 @@ DEPTHS = (
     Hypothesis[DepthScene](
         "depth is measured along the ray",
         "divide it by the ray's length at unit depth",
-        lambda scene: scene.read(_along_ray),
+        lambda scene: scene.read(lambda values, stored: metres(values / stored.units_per_m / stored.ray, 1.0)),
     ),
     Hypothesis[DepthScene](
         "depth is inverse depth or disparity",

@@ -38,7 +38,7 @@ def folder(engine, recording, tmp_path_factory) -> Path:
 
 def test_the_summary_tells_counts_before_the_speed(folder):
     output = " ".join((folder.parent / "output.txt").read_text().split())
-    assert re.search(r"gate │ tripwire │ left to right \d, right to left \d, people 1", output)
+    assert re.search(r"gate tripwire left to right \d, right to left \d, people 1", output)
     assert re.search(r"tracked in \d+ s", output)
     assert "medians; reading runs in parallel" in output
 

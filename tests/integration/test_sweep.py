@@ -116,9 +116,9 @@ def test_bad_recordings_do_not_stop_the_others(cli, halls):
 
 def test_sweep_prints_the_figures_of_each_configuration(halls, shown_by):
     path = study(halls, 'recordings = ["a/maps.h5"]\n[parameters]\njoint.stay_s = [0.5]\n')
-    lines = shown_by("sweep", path).splitlines()
-    assert lines[0] == "joint.stay_s=0.5"
-    assert lines[1].startswith("   runs 1, mota ")
+    text = shown_by("sweep", path)
+    assert text.split()[:2] == ["runs", "mota"]
+    assert "joint.stay_s=0.5" in text
 
 
 def test_json_has_every_run_with_its_figures(halls, json_of):

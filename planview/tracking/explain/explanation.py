@@ -43,6 +43,8 @@ BOX_HALF_M = 0.4
 """Half width of the box that a body is in [m]."""
 ANYBODY = np.array([body.HEIGHT_MEAN_M, body.HEIGHT_STD_M])
 """Height when upright of an unknown person, and its deviation [m]."""
+COAT_SHARE = 0.01
+"""Share of people whose clothes hide their legs down to the floor (our choice): a thing has no head above it."""
 THING_START = np.array([1.0, 1.0, 0.8, 1.0, 0.0])
 """The best thing is searched from a person's place and shoulders."""
 ANY_HEIGHT_M = 1e3
@@ -180,7 +182,8 @@ class Explanation:
 
     def __init__(self, views: Sequence[View], likelihood: Likelihood) -> None:
         self.views = views
-        self.coloured = bool(likelihood.model["colour"][0] > 0) and all(map(_is_coloured, views))
+        no_colours = [view for view in views if view.colour is None and (view.kind == SURFACE).any()]
+        self.coloured = bool(likelihood.model["colour"][0] > 0) and not no_colours
         self.likelihood = likelihood if self.coloured else likelihood.colourless()
         self.arrays = [self._arrays_of(view) for view in views]
 
@@ -278,11 +281,6 @@ class Explanation:
         return Owners(pixels, colours, owner, share, height, patches, lacking, samples.pixels["near"].view(np.bool_))
 
 
-def _is_coloured(view: View) -> bool:
-    """True if all surface of a view has a colour."""
-    return view.colour is not None or not (view.kind == SURFACE).any()
-
-
 class Samples:
     """The samples around one person, or around each of several, and the layers of others on their rays."""
 
@@ -354,7 +352,9 @@ class Samples:
             ascent.ascend(at, np.zeros(6), search, thing, self._others, self.arrays, table, self._model)
             end = tuple(at.tolist())
             things.append(float(kernels.log_ratio(end, end[2], NO_COLOURS, self.arrays, table, self._model)))
-        return self.log_ratio(pose, stature, NO_COLOURS) - np.array(things)
+        *things, in_a_coat = things
+        person = max(self.log_ratio(pose, stature, NO_COLOURS), in_a_coat + math.log(COAT_SHARE))
+        return person - np.array(things)
 
     def visible_patches(self, pose: F64, stature: F64, ratios: F32) -> F64:
         """(3,) patches of a body that it explains better than all else, that show something, and that are in view."""

@@ -206,7 +206,9 @@ class TemplateTracker(Carried):
     def _follow(self, free: FreeMaps, dt_s: float) -> None:
         """Find everybody in the maps of a frame, the most certain first, then newcomers in what is left."""
         placed: list[Place] = []
-        for person in sorted(self._people, key=_uncertainty):
+        # Of people whose places are equally certain, whoever came first.
+        certain = sorted(self._people, key=lambda one: (one.kalman.position_std_m, abs(one.existence.track_id)))
+        for person in certain:
             place, terms = self._search(person, free, placed)
             if place is None:
                 reason = f"nothing like the templates within {person.reach_m:.2f} m, score {person.score:.2f}"
@@ -428,11 +430,6 @@ def mean_differences(
     occupancy_sum = np.einsum("rcij,rcij->rc", either, np.abs(occupancies - template_occupancy))
     cells = np.maximum(used, 1)
     return np.where(used > 0, height_sum / cells, one_sided), occupancy_sum / cells
-
-
-def _uncertainty(person: MapPerson) -> tuple[float, int]:
-    """Smaller for people whose place is more certain; of equal ones, for whoever came first."""
-    return person.kalman.position_std_m, abs(person.existence.track_id)
 
 
 def _state(person: MapPerson, near_cells: int, camera: FloorCamera | None) -> TrackState:
