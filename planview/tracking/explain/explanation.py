@@ -43,8 +43,6 @@ BOX_HALF_M = 0.4
 """Half width of the box that a body is in [m]."""
 ANYBODY = np.array([body.HEIGHT_MEAN_M, body.HEIGHT_STD_M])
 """Height when upright of an unknown person, and its deviation [m]."""
-COAT_SHARE = 0.01
-"""Share of people whose clothes hide their legs down to the floor (our choice): a thing has no head above it."""
 THING_START = np.array([1.0, 1.0, 0.8, 1.0, 0.0])
 """The best thing is searched from a person's place and shoulders."""
 ANY_HEIGHT_M = 1e3
@@ -353,8 +351,8 @@ class Samples:
             end = tuple(at.tolist())
             things.append(float(kernels.log_ratio(end, end[2], NO_COLOURS, self.arrays, table, self._model)))
         *things, in_a_coat = things
-        person = max(self.log_ratio(pose, stature, NO_COLOURS), in_a_coat + math.log(COAT_SHARE))
-        return person - np.array(things)
+        in_a_coat += math.log(body.COAT_SHARE)
+        return max(self.log_ratio(pose, stature, NO_COLOURS), in_a_coat) - np.array(things)
 
     def visible_patches(self, pose: F64, stature: F64, ratios: F32) -> F64:
         """(3,) patches of a body that it explains better than all else, that show something, and that are in view."""
