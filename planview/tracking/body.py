@@ -24,7 +24,7 @@ THINGS = ((0.0, 0.12, 1.0), (0.0, 0.2, 1.0), (0.0, 0.34, 1.0), (0.85, 0.2, 1.0),
 """Shapes of things over the height of their top: where they begin, half breadth, and depth over breadth. Cylinders from
 a pillar to a crate, something thin or thick that is carried, with nothing below, and something flat, as what shows of a
 door's leaf."""
-COAT_SHARE = 0.01
+COAT_SHARE = 0.001
 """Share of people whose clothes hide their legs down to the floor (our choice): a thing has no head above it."""
 SPEED_MAX_MPS = 2.5
 """Fastest walk [m/s]: men change to running at 2.0 to 2.5 m/s (Hreljac 1993)."""
