@@ -1,4 +1,4 @@
-"""A small exact recording of images with depth: a floor, and a person cut out of card who walks to the right."""
+"""A small exact recording of images with depth: a floor, and a round person in a long coat who walks to the right."""
 
 import json
 from functools import cache
@@ -45,6 +45,7 @@ def depth_image(frame: int) -> F64:
         at = (y - pose.translation[1]) / rays[:, 1]
         hit = rays * at[:, None] + pose.translation
         half = np.where(hit[:, 2] > 0.85 * 1.75, 0.09, 0.22)
+        at -= np.sqrt(np.clip(half**2 - (hit[:, 0] - x) ** 2, 0.0, None)) / rays[:, 1]  # round
         on = (np.abs(hit[:, 0] - x) < half) & (hit[:, 2] > 0) & (hit[:, 2] < 1.75) & (at > 0)
         depth = np.where(on & (at < depth), at, depth)
     return depth.reshape(CAMERA.height, CAMERA.width)

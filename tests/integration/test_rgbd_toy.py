@@ -81,7 +81,7 @@ def test_person_is_tracked_from_depth_alone(engine):
     sure = [(walker_m(frame), track) for frame, tracks in iterated for track in tracks if track.state == "confirmed"]
     off = [np.hypot(track.x_m - x, track.y_m - y) for (x, y), track in sure]
     assert len(off) >= 15
-    assert np.median(off) < 0.1  # a card has no thickness, a body's axis is set 6 cm behind its surface
+    assert np.median(off) < 0.1
     engine.reset()
     assert [engine.step(frame).tracks for frame in engine.recording] == [tracks for _, tracks in iterated]
 
