@@ -189,8 +189,9 @@ class GroundCamera:
 
     def std_m(self, x_m: float, y_m: float) -> float:
         """Deviation of a place on the floor along each axis, since this is known no better [m]; NaN where unknown."""
-        share = math.nan if self.std is None else self.std.from_camera
-        return share * math.hypot(x_m, y_m) / math.sqrt(2)
+        if self.std is None:
+            return math.nan
+        return self.std.from_camera * math.hypot(x_m, y_m) / math.sqrt(2)
 
     def scaled(self, width: int, height: int) -> GroundCamera:
         """The same camera at another resolution of the same field of view."""

@@ -27,12 +27,11 @@ nearest to it (a hand's breadth at 5 m)."""
 _LENS_KEYS = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "M1", "K1", "intrinsics", "intrinsic")
 
 
-class LensOnlyError(InputError):
-    """The calibration of a lens, without the place of the camera."""
+class NoCameraError(InputError):
+    """A camera above the floor is missing; ``focal_px`` is that of its lens, where it is known."""
 
-    def __init__(self, path: Path, name: str, focal_px: float) -> None:
-        actual = f"found only a lens ({name}, focal length {focal_px:.0f} px)"
-        super().__init__(f"{path}: expected a camera.toml, which also says where the camera is, {actual}")
+    def __init__(self, message: str, focal_px: float = 0.0, remedy: str = "") -> None:
+        super().__init__(message, remedy=remedy)
         self.focal_px = focal_px
 
 
@@ -56,7 +55,8 @@ def load_one_camera(path: Path, size: Size | None = None) -> GroundCamera:
         focal_px = lens.focal_px
         if size and lens.size and size[0] * lens.size[1] == size[1] * lens.size[0]:
             focal_px *= size[0] / lens.size[0]
-        raise LensOnlyError(path, lens.name, focal_px)
+        actual = f"found only a lens ({lens.name}, focal length {focal_px:.0f} px)"
+        raise NoCameraError(f"{path}: expected a camera.toml, which also says where the camera is, {actual}", focal_px)
     if not _is_camera_toml(path, source):
         raise InputError(f"{path}: expected a camera.toml or a Tsai XML, found neither")
     return _fit_size(load_ground_camera(path), path, size)

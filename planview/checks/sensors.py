@@ -136,7 +136,7 @@ class SensorsWatch(Carried):
         median_m = min(medians_m, default=math.nan)
         note = "median distance between the places of people whom both see"
         if math.isnan(median_m):
-            note = "nobody walked where both sensors look"
+            note = "no person was seen by both sensors at one place"
         elif median_m > APART_M:
             note += "; a clock or a pose in rigs.toml is wrong: align the sensors again"
         return limit_check(f"{first} and {second}: people apart", median_m, "m", note, most=APART_M, warns=True)

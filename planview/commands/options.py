@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable
 
 from calib.errors import InputError, WorkError
-from calib.formats.one_camera import LensOnlyError
+from calib.formats.one_camera import NoCameraError
 
 OPTIONS = {"overrides": "--set", "config": "--set", "everything": "--all", "file": "--list"}
 """Of arguments whose option is called otherwise; a configuration is wrong only by what --set adds to its file."""
@@ -23,8 +23,8 @@ def typed(error: InputError | WorkError) -> str:
     """The sentence of an error with options in place of Python's arguments, and with the command that writes a
     camera.toml, or the trackers of one camera, where these are needed."""
     sentence = re.sub(r"^(\w+)=: ", lambda argument: f"{option_of(argument[1])}: ", error.sentence(option_of))
-    if "human-model" in sentence or isinstance(error, LensOnlyError):
-        focal = f" --focal {error.focal_px:.0f}" if isinstance(error, LensOnlyError) else ""
+    if isinstance(error, NoCameraError):
+        focal = f" --focal {error.focal_px:.0f}" if error.focal_px else ""
         sentence += f" (planview calibrate human VIDEO --auto{focal} --out camera.toml writes one)"
     elif error.remedy == "calibration":
         sentence += (

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from calib.carried import Carried, plain, restore
 from calib.errors import InputError
-from calib.ground_camera import GroundCamera
 from calib.times import unusable_time
 from calib.types import F32
 from planview.checks.check import Check
@@ -238,8 +237,6 @@ class Engine:
         views = tuple(sensor.look(each, frame, clock) for sensor, each in zip(self.sensors, measured, strict=True))
         observation = self._observation(frame, views)
         people = track_frame(self.tracker, observation)
-        if isinstance(self.camera, GroundCamera):
-            people = tuple(replace(person, std_m=self.camera.std_m(person.x_m, person.y_m)) for person in people)
         decisions = self.tracker.decisions
         for sensor, view in zip(self.sensors, views, strict=True):
             sensor.protect(people, view, decisions)

@@ -10,7 +10,7 @@ from typing import Any, Literal, cast, get_args
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError
-from calib.formats.one_camera import load_one_camera
+from calib.formats.one_camera import NoCameraError, load_one_camera
 from calib.ground_camera import GroundCamera
 from planview.engine.config import Config, config_of
 from planview.engine.engine import Engine
@@ -262,7 +262,7 @@ def _image_tracker(tracker: AnyTracker, config: Config, camera: GroundCamera | N
 
         return EllipseParticleTracker(config.ellipse_particle, camera, config.seed)
     if camera is None:
-        raise InputError("the human-model tracker needs a calibrated camera", remedy="calibration")
+        raise NoCameraError("the human-model tracker needs a calibrated camera", remedy="calibration")
     from planview.tracking.human_model.tracker import HumanModelTracker
 
     return HumanModelTracker(config.human_model, camera)

@@ -162,7 +162,7 @@ def _change_boxes(change: Callable[[F64, F64], tuple[F64, F64]]) -> Undo:
 
 def _scale_frames(ratio: Fraction) -> Hypothesis[Tables]:
     return _about_truth(
-        f" has another frame rate: {ratio.denominator} of its frames last as long as {ratio.numerator} of the tracks",
+        f" has {1 / ratio} times the frame rate of the tracks",
         f"multiply its frames by {ratio}",
         lambda table: replace(table, frame=np.rint(table.frame * float(ratio)).astype(np.int64)),
     )

@@ -98,10 +98,18 @@ def figure_of(
     _refuse_mixed(runs, panels)
     figure, places = _empty_figure(panels, _shape(runs))
     for n, run in enumerate(runs):
-        style = STYLE_OF_ONE if len(runs) == 1 else _style_of_several(n, run.name)
+        style = STYLE_OF_ONE
+        if len(runs) > 1:
+            colour = RUN_COLOURS[n]
+            # Of those that lie over each other the first is the widest.
+            style = _Style(colour, colour, colour, max(1.0, 3.2 - 1.6 * n), run.name, run.name)
         _draw_run(places, run, style)
     if truth is not None:
-        _draw_truth(places, truth, clock=runs[0].tracks)
+        if "paths" in places:
+            plot_truth(truth, places["paths"])
+        if "count" in places:
+            clock = runs[0].tracks
+            plot_counts(truth, places["count"], colour=TRUTH_COLOUR, label="truth", style="--", clock=clock)
     if floor is not None:
         for panel in places.keys() & FROM_ABOVE.keys():
             places[panel].imshow(floor.image, extent=floor.extent_m, origin="lower", zorder=0)
@@ -134,12 +142,6 @@ class _Style(NamedTuple):
 STYLE_OF_ONE = _Style("id", "id", BLUE, 1.6, "", "tracked")
 
 
-def _style_of_several(n: int, name: str) -> _Style:
-    """Style of the n-th run; of those that lie over each other the first is the widest."""
-    colour = RUN_COLOURS[n]
-    return _Style(colour, colour, colour, max(1.0, 3.2 - 1.6 * n), name, name)
-
-
 def _draw_run(places: dict[Panel, Axes], run: NamedTracks, style: _Style) -> None:
     name, tracks = run
     if "paths" in places:
@@ -150,14 +152,6 @@ def _draw_run(places: dict[Panel, Axes], run: NamedTracks, style: _Style) -> Non
         plot_speed(tracks, places["speed"], colour=style.speed_colour, label=style.speed_label)
     if "count" in places:
         plot_counts(tracks, places["count"], colour=style.count_colour, label=style.count_label)
-
-
-def _draw_truth(places: dict[Panel, Axes], truth: Trajectories, clock: Trajectories) -> None:
-    """Draw the true people, at the times of tracks."""
-    if "paths" in places:
-        plot_truth(truth, places["paths"])
-    if "count" in places:
-        plot_counts(truth, places["count"], colour=TRUTH_COLOUR, label="truth", style="--", clock=clock)
 
 
 def save_figure(figure: Figure, path: Path) -> None:

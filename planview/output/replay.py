@@ -155,7 +155,10 @@ def replay_run(
     options: OpenOptions | None = results.info.opened
     missing = dict(results.info.own_parts)
     if matcher is not None:
-        _refuse_another(matcher, missing.pop("matcher", "SGBM"))
+        used = missing.pop("matcher", "SGBM")
+        if part_name(matcher) != used:
+            expected = f"expected {used}, with which the run was tracked, found {part_name(matcher)}"
+            raise InputError(expected, argument="matcher")
     if path == results.path / "maps.h5":  # these hold what a matcher and sensors of the user's own measured
         matcher = options = None
         missing = {role: name for role, name in missing.items() if role == "tracker"}
@@ -177,12 +180,6 @@ def replay_run(
     if reached < frame and could_be_read:
         raise WorkError(f"{path}: expected frame {frame}, found the end of the recording after frame {reached}")
     return ReplayedRun(replace(results, other_tracks=collector.trajectories()), decisions, path)
-
-
-def _refuse_another(matcher: Matcher, tracked_with: str) -> None:
-    name = part_name(matcher)
-    if name != tracked_with:
-        raise InputError(f"expected {tracked_with}, with which the run was tracked, found {name}", argument="matcher")
 
 
 def _source(results: RunFolder, config: Config) -> Path:

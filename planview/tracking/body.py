@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cache
 from typing import NamedTuple
 
 import cv2
@@ -24,6 +24,8 @@ THINGS = ((0.0, 0.12, 1.0), (0.0, 0.2, 1.0), (0.0, 0.34, 1.0), (0.85, 0.2, 1.0),
 """Shapes of things over the height of their top: where they begin, half breadth, and depth over breadth. Cylinders from
 a pillar to a crate, something thin or thick that is carried, with nothing below, and something flat, as what shows of a
 door's leaf."""
+FIRST_SHARE = 0.5
+"""Share of a newcomer's first frame that is evidence of its shape: the frame has also chosen the pose (our choice)."""
 COAT_SHARE = 0.001
 """Share of people whose clothes hide their legs down to the floor (our choice): a thing has no head above it."""
 SPEED_MAX_MPS = 2.5
@@ -183,7 +185,7 @@ U_CELLS = 32
 W_CELLS = 88
 
 
-@lru_cache(maxsize=1)
+@cache
 def body_table() -> BodyTable:
     """Table of a person: trunk and head, with arms and strides."""
     parts = BodyPart(TRUNK), BodyPart(HEAD), BodyPart(LIMBS, covers=LIMBS_SHARE)
@@ -199,17 +201,22 @@ def body_table() -> BodyTable:
     return half._replace(cover=cover, front=front)
 
 
-@lru_cache(maxsize=1)
+@cache
 def thing_tables() -> tuple[BodyTable, ...]:
-    """Tables of things, scaled as bodies are, whose front and back look the same; and of a person in a long coat."""
+    """Tables of things, scaled as bodies are; front and back look the same."""
     tables = []
     for bottom, slimness, depth in THINGS:
         part = BodyPart(((bottom, 1.0, slimness * TORSO.height_m, depth),))
         turns_rad = HALF_TURN_RAD[:-1] if depth < 1.0 else HALF_TURN_RAD[:1]
         tables.append(build_table((part,), turns_rad, u_cells=2 * U_CELLS))
-    coat = BodyPart(((0.0, 0.82, TORSO.torso_radius_m, 1.0),))
-    tables.append(build_table((coat, BodyPart(HEAD)), HALF_TURN_RAD[:1]))
     return tuple(tables)
+
+
+@cache
+def coat_table() -> BodyTable:
+    """Table of a person in clothes that reach the floor, who looks the same from all sides."""
+    coat = BodyPart(((0.0, NECK_FROM, TORSO.torso_radius_m, 1.0),))
+    return build_table((coat, BodyPart(HEAD)), HALF_TURN_RAD[:1])
 
 
 def build_table(

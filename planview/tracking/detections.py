@@ -86,9 +86,8 @@ class DetectedPerson:
         """Probability of existence."""
         return odds.probability(self.log_odds)
 
-    @property
-    def state(self) -> TrackState:
-        """The person as reported."""
+    def state(self, camera: GroundCamera) -> TrackState:
+        """The person as reported, whose place is known as well as the camera."""
         left, top, width, height = self.box.tolist()
         return TrackState(
             track_id=self.existence.track_id,
@@ -99,6 +98,7 @@ class DetectedPerson:
             vy_mps=self.kalman.vy_mps,
             height_m=self.height_m,
             box_px=(left, top, width, height),
+            std_m=camera.std_m(self.kalman.x_m, self.kalman.y_m),
         )
 
 
@@ -194,7 +194,7 @@ class DetectionTracker(_DetectionsTracker[DetectedPerson]):
                     self._correct(person, placed, k, fresh, gains[i, k])
         self._add_newcomers(placed, set(matched.values()))
         self._forget_gone()
-        return tuple(person.state for person in self._people)
+        return tuple(person.state(self.camera) for person in self._people)
 
     def _predict(self, person: DetectedPerson, dt_s: float) -> None:
         """Move a person on, and the box with it."""

@@ -147,7 +147,7 @@ def box_columns(table: F64, path: Path, *, truth: bool = False) -> tuple[dict[st
     Returns:
         (M,) columns of ``table_of`` and "score", NaN where a value is unknown; and what was assumed or left out.
     """
-    rest = _read_rest(table)
+    rest = _read_rest(table, path)
     note = ""
     visible = rest.visible
     if rest.classes is not None:
@@ -181,7 +181,7 @@ class _Rest(NamedTuple):
     is_flagged: bool = False
 
 
-def _read_rest(table: F64) -> _Rest:
+def _read_rest(table: F64, path: Path) -> _Rest:
     """The columns from the seventh on, detected from their values."""
     more = table[:, 6:]
     width = more.shape[1]
@@ -199,6 +199,8 @@ def _read_rest(table: F64) -> _Rest:
         has_flags = classes.min() >= 0 and np.isin(first, (0, 1)).all()
         if width == 3 and has_flags and _are_fractions(last):
             return rest_of_classes._replace(visible=last[:, 0], is_flagged=True)
+        if width == 4 and has_flags and classes.any() and _are_classes(last):
+            raise InputError(f"{path}: expected metres in columns 8 to 10, found classes and occlusion, as of VisDrone")
     if width == 1 or (width == 2 and _are_fractions(more[:, 1])):
         # Unlike scores in percent, classes are one for all rows of an id, with people among them.
         pairs = np.unique(table[table[:, 1] > 0][:, (1, 6)], axis=0)

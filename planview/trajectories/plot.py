@@ -86,8 +86,7 @@ def plot_paths(tracks: Trajectories, axes: Axes, *, colour: str = "id", label: s
         if not person.is_seen.all():
             axes.plot(*_with_gaps(path, person).T, ":", color=line_colour, lw=1.0)
         name = str(track_id) if track_id in named else None
-        line = _with_gaps(seen_path, person)
-        axes.plot(*line.T, color=line_colour, lw=width, solid_capstyle="round", label=name)
+        axes.plot(*_with_gaps(seen_path, person).T, color=line_colour, lw=width, solid_capstyle="round", label=name)
         axes.plot(*path[0], "o", ms=5, mfc="white", mec=line_colour, zorder=3)
         axes.plot(*path[-1], "o", ms=5, color=line_colour, zorder=3)
     if colour != "id" and longest:
@@ -219,19 +218,15 @@ def _rows_with_places(tracks: Trajectories, keep: Bool | None = None) -> tuple[_
     velocity = np.full_like(place, np.nan)
     velocity[seen] = velocities(tracks.where(seen), time_s[seen], place[seen])
     rows = _Rows(tracks.track_id, track, tracks.frame, time_s, is_seen, place, velocity)
-    return rows.where(np.asarray(is_known)), unit
+    return rows.where(np.flatnonzero(is_known)), unit
 
 
 def _with_gaps(values: F64, person: _Rows) -> F64:
-    """The (N, 2) values of a person's rows with a row of NaN in every gap, so that no line bridges it."""
-    return np.insert(values, _gaps(person), np.nan, axis=0)
-
-
-def _gaps(person: _Rows) -> I64:
-    """The rows of one person before which frames are missing or a track ends."""
+    """The (N, 2) values of a person's rows with a row of NaN where frames are missing or a track ends, so that no line
+    bridges it."""
     is_missing = np.diff(person.frame) > 2 * frame_step(person.frame)
     has_ended = np.diff(person.track) != 0
-    return np.flatnonzero(is_missing | has_ended) + 1
+    return np.insert(values, np.flatnonzero(is_missing | has_ended) + 1, np.nan, axis=0)
 
 
 def _floor_axes(axes: Axes, unit: str) -> Axes:
@@ -239,8 +234,6 @@ def _floor_axes(axes: Axes, unit: str) -> Axes:
     axes.set(xlabel=f"x [{unit}]", ylabel=f"y [{unit}]")
     if unit == "px" and not axes.yaxis_inverted():
         axes.invert_yaxis()
-    if axes.collections:
-        axes.autoscale_view()
     axes.margins(0.06)
     return style_axes(axes)
 

@@ -212,7 +212,7 @@ def _by_time(path: Path, columns: dict[str, F64]) -> TrajectoryFile:
     if not (np.isfinite(times_s).all() and (steps_s > 0).any()):
         raise InputError(f"{path}: expected people at several times, found none")
     span_s = float(np.ptp(times_s))
-    begin_s = float(times_s.min())
+    begin_s = times_s.min()
     if begin_s > DAY_S:
         notes = [f"times begin at {begin_s:.0f} s: frame 0 is then"]
         times_s = times_s - begin_s

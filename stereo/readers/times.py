@@ -72,7 +72,7 @@ def _with_parts(seconds: I64, parts: Sequence[str | None], matches: Sequence[re.
     """Times of whole seconds and the numbers within them, which follow at once, else at the end of the name."""
     have_points = any(parts) and all(re.search(r"[.,]\d+$", match[0]) for match in matches)
     if not any(parts):
-        parts = [_last_number(match.string[match.end() :]) for match in matches]
+        parts = [(re.findall(r"\d+", match.string[match.end() :]) or [None])[-1] for match in matches]
     if not any(parts):
         is_counter = np.median(np.diff(np.sort(seconds))) <= 1
         return None if is_counter else Stamps(seconds * NS["s"], "s")
@@ -81,11 +81,6 @@ def _with_parts(seconds: I64, parts: Sequence[str | None], matches: Sequence[re.
         return None
     nanoseconds = np.array([int(part[:9].ljust(9, "0")) for part in decimals], dtype=np.int64)
     return Stamps(seconds * NS["s"] + nanoseconds, "s")
-
-
-def _last_number(text: str) -> str | None:
-    numbers = re.findall(r"\d+", text)
-    return numbers[-1] if numbers else None
 
 
 LISTS = ("timestamps.txt", "times.txt", "timestamp.txt")

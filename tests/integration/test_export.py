@@ -154,7 +154,9 @@ def test_every_command_takes_tracks_of_nobody(command, succeed, tmp_path):
         "density": ("plot", nobody, "--what", "density"),
         "evaluate": ("evaluate", nobody, nobody),
     }
+    written = {"count": "counts.json", "plot": "plot.png", "density": "plot.png"}
     succeed(*words[command])
+    assert (tmp_path / written.get(command, "tracks.csv")).stat().st_size > 0
 
 
 def test_nobody_in_a_region_is_exported_at_the_rate_of_the_tracks(tracks):

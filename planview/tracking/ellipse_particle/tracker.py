@@ -481,6 +481,7 @@ class EllipseParticleTracker(Carried):
             vy_mps=vy_mps,
             height_m=height_of(self._camera, here, top),
             box_px=box,
+            std_m=self._camera.std_m(x_m, y_m),
         )
 
 

@@ -341,18 +341,19 @@ class Samples:
 
     def against_things(self, pose: F64, stature: F64) -> F64:
         """(K,) log-likelihood ratios of a person at a pose to a thing of each shape where it explains best."""
-        things = []
-        for table in body.thing_tables():
-            start = pose * THING_START
-            search = Search(start, loose_prior(body.TORSO.torso_radius_m, math.inf), STEPS_M)
-            at = start.copy()
-            thing = Appearance(float(start[2]), ANY_HEIGHT_M, NO_COLOURS)
-            ascent.ascend(at, np.zeros(6), search, thing, self._others, self.arrays, table, self._model)
-            end = tuple(at.tolist())
-            things.append(float(kernels.log_ratio(end, end[2], NO_COLOURS, self.arrays, table, self._model)))
-        *things, in_a_coat = things
-        in_a_coat += math.log(body.COAT_SHARE)
-        return max(self.log_ratio(pose, stature, NO_COLOURS), in_a_coat) - np.array(things)
+        in_a_coat = self._best_near(pose, body.coat_table()) + math.log(body.COAT_SHARE)
+        person = max(self.log_ratio(pose, stature, NO_COLOURS), in_a_coat)
+        return person - np.array([self._best_near(pose, table) for table in body.thing_tables()])
+
+    def _best_near(self, pose: F64, table: body.BodyTable) -> float:
+        """Log-likelihood ratio of what a table shows, where it explains best near a person's pose."""
+        start = pose * THING_START
+        search = Search(start, loose_prior(body.TORSO.torso_radius_m, math.inf), STEPS_M)
+        at = start.copy()
+        look = Appearance(float(start[2]), ANY_HEIGHT_M, NO_COLOURS)
+        ascent.ascend(at, np.zeros(6), search, look, self._others, self.arrays, table, self._model)
+        end = tuple(at.tolist())
+        return float(kernels.log_ratio(end, end[2], NO_COLOURS, self.arrays, table, self._model))
 
     def visible_patches(self, pose: F64, stature: F64, ratios: F32) -> F64:
         """(3,) patches of a body that it explains better than all else, that show something, and that are in view."""

@@ -198,7 +198,7 @@ class Proof:
             spent |= fresh
         new_share = min(new_patches / max(glimpse.patches, 1.0), 1.0)
         if first:
-            return 0.5 * new_share
+            return body.FIRST_SHARE * new_share
         self.log_odds += new_share * max(glimpse.evidence, 0.0)
         return new_share
 
@@ -293,10 +293,9 @@ class Person:
         """Deviation of the place below the head along each axis of the floor [m]: of the filter, of what all pixels
         have in common, and of how a body stands."""
         lower_m = max(self.identity.stature.mean_m - self.height_m, 0.0)
-        bent_m = BENT_SHARE * lower_m
         leant_m = body.LEAN_ERROR * self.stance.lean_m
         place_std_m = math.sqrt(0.5 * np.trace(self.kalman.covariance[:2, :2]))
-        return math.hypot(place_std_m, self.glimpse.shared_std_m, bent_m, leant_m)
+        return math.hypot(place_std_m, self.glimpse.shared_std_m, BENT_SHARE * lower_m, leant_m)
 
     @property
     def pose_prior(self) -> PosePrior:

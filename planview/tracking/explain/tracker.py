@@ -181,11 +181,12 @@ class ExplainingTracker(Carried, Generic[P, Q]):
         newcomer.proof.spent = {}
         self._exchanges.rename(was, newcomer.track_id)
 
-    def _state(self, person: P, box_px: Box = NO_BOX, claims: tuple[float, float] = (math.nan, math.nan)) -> TrackState:
-        """Report a person; ``claims``: probability that somebody is there, and deviation of the place [m]."""
+    def _state(
+        self, person: P, box_px: Box = NO_BOX, confidence: float = math.nan, std_m: float = math.nan
+    ) -> TrackState:
+        """Report a person, with the probability that somebody is there and the deviation of the place [m]."""
         x_m, y_m = person.head_m
         facing_deg, facing_confidence = person.stance.reported_facing
-        confidence, std_m = claims
         return TrackState(
             track_id=person.track_id,
             state=state_of(person.confirmed, self._is_visible(person)),

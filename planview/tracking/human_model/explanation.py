@@ -6,7 +6,7 @@ A person is the human model's soft silhouette (Zhang et al. 2008, section 3.1).
 from __future__ import annotations
 
 import math
-from functools import lru_cache
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -96,7 +96,7 @@ class HumanModelParams(PeopleParams):
     """Time without motion after which foreground that nobody explains is background [s], and a newcomer a thing."""
 
 
-@lru_cache(maxsize=1)
+@cache
 def silhouette() -> BodyTable:
     """Table of all depression angles; its ``front`` is not known from a mask, and 0."""
     parts = []

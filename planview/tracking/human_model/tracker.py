@@ -135,7 +135,9 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
             self._clean(dt_s)
             self._add_newcomers(frame, owners)
             self._recognise(dt_s)
-        return tuple(self._state(person, self._box(person)) for person in self._people)
+        return tuple(
+            self._state(person, self._box(person), std_m=self.camera.std_m(*person.at_m)) for person in self._people
+        )
 
     def _check_size(self, view: View) -> None:
         width, height = self.camera.size

@@ -106,10 +106,10 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         if not damaged:  # else outlines may be as wrong as colours
             self._recognise(coloured)
         boxes = person_boxes(observation.camera, [(*person.at_m, person.height_m) for person in self._people])
-        states = []
-        for person, box_px in zip(self._people, boxes, strict=True):
-            states.append(self._state(person, box_px, (self._confidence(person), person.head_std_m)))
-        return tuple(states)
+        return tuple(
+            self._state(person, box_px, self._confidence(person), person.head_std_m)
+            for person, box_px in zip(self._people, boxes, strict=True)
+        )
 
     def _expects_colours(self, frame: Explanation) -> bool:
         """True if colours distinguish people in this frame, or did a moment ago and will again."""
@@ -303,8 +303,9 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             coloured: colours show, or will again.
         """
         newcomers = [person for person in self._people if not person.confirmed]
-        report = self.params.report
-        sure = [person for person in newcomers if self._is_visible(person) and self._confidence(person) > report]
+        sure = [
+            person for person in newcomers if self._is_visible(person) and self._confidence(person) > self.params.report
+        ]
         in_doubt: list[Person] = []
         for match in self._match(sure, self.params.floor_m2):  # before those who may be nobody
             if match.log_odds > KNOWN_LOG_ODDS:

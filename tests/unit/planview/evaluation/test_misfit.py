@@ -57,11 +57,11 @@ def named_by(truth: Trajectories, tracks: Trajectories, on_floor: bool = True) -
         (lambda t: replace(t, frame=t.frame - 60), "the truth's frames are numbered 60 lower"),
         (
             lambda t: replace(u := t.where(t.frame % 3 == 0), frame=u.frame // 3),
-            "as long as 3 of the tracks",
+            "1/3 times the frame rate",
         ),
         (
             lambda t: replace(u := t.where(t.frame % 5 == 2), frame=u.frame // 5),
-            "as long as 5 of the tracks",
+            "1/5 times the frame rate",
         ),
         (lambda t: replace(t, frame=t.track_id, track_id=t.frame), "columns of frames and ids are exchanged"),
         (
@@ -70,8 +70,8 @@ def named_by(truth: Trajectories, tracks: Trajectories, on_floor: bool = True) -
         ),
         (lambda t: laid(t, np.exp(0.5j)), "the truth is turned by 29 degrees"),
         (lambda t: laid(t, -1.2), "180 degrees and has places 1.2 times as far apart"),
-        (lambda t: replace(t, frame=2 * t.frame), "the truth has another frame rate: 2 of its frames"),
-        (lambda t: replace(t, frame=5 * t.frame // 3), "the truth has another frame rate: 5 of its frames"),
+        (lambda t: replace(t, frame=2 * t.frame), "the truth has 2 times the frame rate"),
+        (lambda t: replace(t, frame=5 * t.frame // 3), "the truth has 5/3 times the frame rate"),
     ],
 )
 def test_a_change_of_the_truth_is_named(change, named):
@@ -114,7 +114,7 @@ def test_nothing_is_named_where_the_score_is_good_or_the_truth_is_of_other_peopl
     ("change", "said"),
     [
         (lambda t: replace(t, x_m=-t.x_m), "x axis is mirrored"),
-        (lambda t: replace(t, frame=2 * t.frame), "another frame rate"),
+        (lambda t: replace(t, frame=2 * t.frame), "2 times the frame rate"),
         (lambda t: replace(t, height_m=t.height_m / 2), "0.5 times those of the tracks"),
     ],
 )

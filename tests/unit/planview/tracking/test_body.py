@@ -83,11 +83,11 @@ def test_things_are_as_wide_to_the_left_as_to_the_right():
 
 
 def test_a_flat_thing_is_narrow_from_its_edge():
-    flat = thing_tables()[-2]
+    flat = thing_tables()[-1]
     ahead, edge = (flat.cover[way, 6].sum() for way in (0, FACINGS // 4))
     assert edge < 0.5 * ahead
 
 
 def test_nothing_is_below_a_carried_thing():
-    level = thing_tables()[-3].cover[0, 6]
+    level = thing_tables()[-2].cover[0, 6]
     assert level[:, : level.shape[1] // 2].max() < 0.01
