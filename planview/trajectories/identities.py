@@ -16,8 +16,6 @@ FORGOTTEN_S = 60.0
 after more than a minute."""
 CLOSE_S = 1.0
 """Longest gap between rows of one id that still shows whether the same recording continues [s]."""
-COUNTED_ANEW = 3
-"""So many ids that are used again, the lowest ones and in their order, were counted from 1 again."""
 JUMPS_MAX = 0.1
 """Largest share of jumps among all steps. With more of them units or rate are wrong, and jumps are no evidence of
 anything."""
@@ -62,11 +60,9 @@ def recording_starts(table: Trajectories, set_back: I64) -> I64:
     is_cut = np.diff(times_s, prepend=times_s[0]) > FORGOTTEN_S
     is_cut[np.searchsorted(frames, set_back[set_back <= frames[-1]])] = True
     begins = is_cut & is_used_again & (walking <= jumping)
-    for place in np.flatnonzero(is_used_again & ~begins).tolist():
-        if jumping[place] + walking[place] == 0:
-            begins[place] = _are_counted_anew(claimed, int(frames[place]))
-        elif jumping[place] > 1 and jumping[place] > walking[place]:
-            begins[place] = not _is_exchange(claimed, frames[place - 1 : place + 1], times_s[place - 1 : place + 1])
+    most_jump = is_used_again & (jumping > 1) & (jumping > walking)
+    for place in np.flatnonzero(most_jump & ~begins).tolist():
+        begins[place] = not _is_exchange(claimed, frames[place - 1 : place + 1], times_s[place - 1 : place + 1])
     return frames[begins]
 
 
@@ -77,16 +73,6 @@ def _across(table: Trajectories, frames: I64, steps: Steps, chosen: Bool) -> I64
     begun = np.bincount(first + 1, minlength=len(frames) + 1)
     done = np.bincount(second + 1, minlength=len(frames) + 1)
     return np.cumsum(begun - done)[: len(frames)]
-
-
-def _are_counted_anew(table: Trajectories, frame: int) -> bool:
-    """True if the ids from a frame on are the lowest ones in their order, and enough of them were used before."""
-    later = table.frame >= frame
-    before = np.unique(table.track_id[~later])
-    after, first = np.unique(table.track_id[later], return_index=True)
-    lowest = np.unique(table.track_id)[: len(after)]
-    in_order = bool((np.diff(first) > 0).all())
-    return in_order and np.array_equal(after, lowest) and len(np.intersect1d(before, after)) >= COUNTED_ANEW
 
 
 def _is_exchange(table: Trajectories, frames: I64, times_s: F64) -> bool:
