@@ -36,22 +36,18 @@ _BRACKETS = re.compile(r"[\[\]{}]")
 def entries(folder: Path) -> list[Path]:
     """Entries of a folder by name, without hidden files, which systems add to those of people (``._*``). Raises
     InputError: a folder that cannot be read, which does not count as empty."""
-    try:
+    with expecting(folder, "a folder that can be read", OSError):
         return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
-    except OSError as error:
-        raise InputError(f"{folder}: expected a folder that can be read, found {reason(error)}") from error
 
 
-def refuse_unreadable(path: Path, what: str) -> None:
-    """Raise InputError for a file or folder that may not be read: it does not count as absent."""
-    try:
+def refuse_unreadable(path: Path) -> None:
+    """Raise InputError for a recording that may not be read: it does not count as absent."""
+    with expecting(path, "a recording", OSError):
         if path.is_file():
             path.open("rb").close()
         elif path.is_dir():
             (path / "x").exists()  # a folder may be listed and its files still be closed
             entries(path)
-    except OSError as error:
-        raise InputError(f"{path}: expected {what}, found {reason(error)}") from error
 
 
 def closed_text(paths: Iterable[Path]) -> str:
@@ -109,15 +105,16 @@ def require_file(path: Path, what: str) -> int:
     try:
         return file_size(path)
     except UnreadableError as error:
-        raise (
-            missing(path) if not os.path.lexists(path) else InputError(f"{path}: expected {what}, found {error}")
-        ) from error
+        if not path.is_symlink():
+            refuse_missing(path)
+        raise InputError(f"{path}: expected {what}, found {error}") from error
 
 
-def missing(path: Path) -> InputError:
-    """The error of a path that is not there, about its folder where that is not there either."""
-    where = path if path.parent.exists() else path.parent
-    return InputError(f"{where}: no such file or folder")
+def refuse_missing(path: Path) -> None:
+    """Raise InputError for a path that is not there, about its folder where that is not there either."""
+    if not path.exists():
+        where = path if path.parent.exists() else path.parent
+        raise InputError(f"{where}: no such file or folder")
 
 
 def read_text(path: Path, what: str, max_bytes: int = MAX_BYTES) -> str:
@@ -130,8 +127,6 @@ def read_text(path: Path, what: str, max_bytes: int = MAX_BYTES) -> str:
         return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: expected {what} as text, found binary data at byte {error.start}") from error
-    except OSError as error:
-        raise InputError(f"{path}: expected {what}, found {reason(error)}") from error
 
 
 def parse_toml(text: str) -> dict[str, Any]:

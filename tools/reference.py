@@ -35,7 +35,7 @@ GROUPS = {
 EXAMPLES = {
     "What the commands do": """Every command but `demo` is a function of the same name with the same arguments:
 `planview run X --out Y --fps 15 --set a.b=1` is `planview.run("X", out="Y", fps=15, config={"a.b": 1})`. What is read
-comes first, `out=` is where results go, and `run` is the folder of a run. A `Result` prints, saves, and becomes JSON or
+comes first, `out=` is where results go, and `run` is the folder of a run. A `Result` prints, and becomes JSON or
 a table; functions are silent: set up `logging` to see what they do, and give `progress=` a function of (done, total) to
 draw it.
 

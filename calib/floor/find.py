@@ -48,7 +48,7 @@ def find_floor(
     Candidates come from RANSAC; the floor is the likeliest plane that a camera looking down with little roll could
     stand above, with next to nothing seen beneath it (``choose_floor``). It is refined by robust least squares in
     inverse depth. Medians over all frames in cells of the view are fitted: people who walk through do not count. Raises
-    WorkError: no floor is visible; the message names what was seen instead.
+    InputError: clouds of another shape. WorkError: no floor is visible; the message names what was seen instead.
 
     Args:
         clouds: one (N, 3) array of points per frame [m], rectified left camera frame; rows with NaN are skipped.
@@ -58,6 +58,9 @@ def find_floor(
         align: improves the plane that was chosen, e.g. by the images (see ``stereo.floor``).
         params: what counts as a floor.
     """
+    shapes = [np.shape(cloud) for cloud in clouds]
+    if {shape[1:] for shape in shapes} != {(3,)}:
+        raise InputError(f"expected an (N, 3) array of points per frame, found {shapes[:3]}", argument="clouds")
     params = params or FloorParams()
     inverse_per_px = 1.0 / (focal_px * baseline_m)
     points = _thin_points(clouds, sigma_z, planes.FLOOR_DISPARITY_STD_PX * inverse_per_px)
@@ -159,10 +162,10 @@ def _height_and_angles(plane: Plane) -> F64:
 def _thin_points(clouds: Sequence[F32], sigma_z: Sequence[F32] | None, noise: float) -> Rays:
     """Valid points of all clouds, thinned evenly to what the fit looks at; ``noise`` is that of inverse depth without
     deviations."""
-    stride = max(1, math.ceil(sum(map(len, clouds)) / FIT_POINTS))
-    points = _thin(clouds, stride).reshape(-1, 3)
+    stride = 1 + sum(map(len, clouds)) // FIT_POINTS
+    points = _thin(clouds, stride)
     z = points[:, 2]
-    is_valid = np.isfinite(points).all(axis=1) & (np.nan_to_num(z) > 1e-3)
+    is_valid = np.isfinite(points).all(axis=1) & (z > 1e-3)
     points = points[is_valid]
     z = z[is_valid]
     sigma = np.full(len(z), noise)
@@ -225,7 +228,7 @@ def floor_from_points(points: ArrayLike, name: str = "points", depth_std_m: Arra
     of each point's depth [m] is given; ``name`` is that of their source, for messages. Raises InputError: too few
     points, not finite, on a line, or a plane no camera stands above."""
     p = np.asarray(points, dtype=np.float64)
-    if p.ndim != 2 or p.shape[1:] != (3,) or len(p) < 3:
+    if p.shape[1:] != (3,) or len(p) < 3:
         raise InputError(f"{name}: expected three or more floor points, found {len(p)}")
     if not np.isfinite(p).all():
         raise InputError(f"{name}: expected finite floor points in metres, found NaN or infinity")

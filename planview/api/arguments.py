@@ -46,12 +46,11 @@ def frame_span(frames: Frames) -> tuple[int, int]:
             begin, colon, end = str(frames).partition(":")
             first = int(begin or 0) if colon else 0
             last = int(end) if colon else int(begin) - 1
+        if 0 <= first <= last:
+            return first, last
     except (TypeError, ValueError):
-        problem = f"expected FIRST:LAST or N, e.g. 0:399 or 400, found {frames!r}"
-        raise InputError(problem, argument="frames") from None
-    if not 0 <= first <= last:
-        raise InputError(f"expected FIRST:LAST with FIRST not after LAST, found {frames!r}", argument="frames")
-    return first, last
+        pass
+    raise InputError(f"expected FIRST:LAST, FIRST not after LAST, or N, e.g. 0:99, found {frames!r}", argument="frames")
 
 
 def settings(config: Settings | None, base: Config | None = None) -> Config:

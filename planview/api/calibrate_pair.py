@@ -60,12 +60,13 @@ def align(
     file = path_of(out)
     paths = [Path(sensor) for sensor in sensors]
     alignments = align_recordings(paths, file, settings(config), fps, clock)
-    rows = [{"sensor": str(path)} for path in paths[1:]]
-    for row, alignment in zip(rows, alignments, strict=True):
-        row |= plain_values(
+    rows = []
+    for path, alignment in zip(paths[1:], alignments, strict=True):
+        values = plain_values(
             alignment, "heading_rad", "heading_std_rad", "x_m", "y_m", "position_std_m", "clock_s", "clock_std_s",
             "residual_m", "shared_s",
         )  # fmt: skip
+        rows.append({"sensor": str(path)} | values)
     return Result(alignments, {"sensors": rows}, rows, [file] if file else [])
 
 

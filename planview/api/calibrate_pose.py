@@ -21,7 +21,7 @@ from calib.pose import SE3
 from calib.rig import Floor
 from calib.types import F64
 from calib.world import save_world
-from planview.api.arguments import Settings, in_range, one_of, path_of, settings, size_of
+from planview.api.arguments import Settings, in_range, one_of, opening, path_of, settings, size_of
 from planview.api.result import Result, plain_values
 from planview.calibration.floor import FloorDepths, floor_from_tracks, parse_points
 from planview.calibration.people import collect_samples, people_picture
@@ -30,7 +30,7 @@ from planview.output.folder import writing
 from planview.output.run_folder import RunFolder
 from planview.progress import Progress, unseen
 from planview.trajectories.table import read_tracks
-from stereo.readers import OpenOptions, open_any
+from stereo.readers import open_any
 from stereo.readers.open import open_video
 from stereo.recording import DepthCamera, Recording, SingleCamera, StereoPair
 
@@ -87,7 +87,7 @@ def floor(
         in_range("frames", frames, 1, 1000)
         search = search.model_copy(update={"frames": frames})
     path = Path(recording)
-    opened = open_any(path, OpenOptions(path_of(calibration)))
+    opened = open_any(path, opening(calibration))
     log.debug("looking at %d frames", search.frames)
     view = FloorDepths(opened, search)
     if given is not None:
@@ -102,7 +102,6 @@ def floor(
     files = list(filter(None, (target, image)))
     for file in files:
         with writing(file):
-            file.parent.mkdir(parents=True, exist_ok=True)
             if file == target:
                 save_world(found, file)
             else:
@@ -189,7 +188,7 @@ def human(
     path = Path(samples)
     file = Path(out)
     source = path if auto else path_of(frames)
-    video = open_video(source, OpenOptions(fps=fps)) if source else None
+    video = open_video(source, opening(fps=fps)) if source else None
     size = _size(size_of(image_size, "image_size"), video, None if auto else read_image_size(path), path)
     independent = None
     if auto and video is not None:
@@ -204,7 +203,6 @@ def human(
         raise WorkError(f"{path}: {found.assessment.sentence}; the camera was not written")
     picture = file.with_suffix(".png")
     with writing(file):
-        file.parent.mkdir(parents=True, exist_ok=True)
         save_ground_camera(found.camera, file)
         write_image(picture, people_picture(found, taken, video))
         if auto:
@@ -215,7 +213,7 @@ def human(
     values |= {"height_std_m": std.height * camera.height_m, "focal_std_px": std.focal * camera.focal_px}
     values |= {"tilt_std_deg": std.tilt_deg, "roll_std_deg": std.roll_deg}
     values |= {"relative_std": std.relative, "from_camera_std": std.from_camera}
-    values |= {"enough": found.assessment.enough, "verdict": found.assessment.sentence}
+    values["verdict"] = found.assessment.sentence
     if found.assessment.next_sample:
         values["next_sample_px"] = found.assessment.next_sample
     values |= plain_values(found, "error", "boxes_only")

@@ -10,7 +10,7 @@ from calib.io import parse_length
 from calib.rig import save_rig
 from planview.api.arguments import Settings, in_range, opening, path_of, settings
 from planview.api.contents import Contents, contents_of
-from planview.api.result import Result, table_text, text_of
+from planview.api.result import Result, table_text
 from planview.checks.check import Check
 from planview.checks.examine import Diagnosis, examine
 from planview.checks.pictures import write_pictures
@@ -71,10 +71,7 @@ def check(
     if quick:
         found = contents_of(path, options)
         values = found.values | {"missing": [str(error) for error in found.missing]}
-        shown = values
-        if fps := values.get("fps"):
-            shown = values | {"frames": f"{values['frames']} at {fps:.3f} per second", "fps": ""}
-        return Result(found, values, found.cameras, ok=not found.missing, text=text_of(shown))
+        return Result(found, values, found.cameras, ok=not found.missing)
     in_range("frames", frames, 4, 2000)
     if isinstance(person_height, str):
         person_height = parse_length(person_height, "person_height=")
@@ -132,8 +129,7 @@ def _table(checks: Sequence[Check]) -> str:
         mark = "ok"
         if not check.ok:
             mark = "warning" if check.warns else "NO"
-        value = "-" * check.is_unknown
-        if check.number_text:
-            value = f"{check.number_text} {check.unit}".strip()
-        rows.append({"": mark, "check": check.name, "value": value, "limit": check.limit_text, "meaning": check.note})
+        value = f"{check.number_text} {check.unit}".strip() if check.number_text else "-" * check.is_unknown
+        limit = check.limit_text if value else check.note
+        rows.append({"": mark, "check": check.name, "value": value, "limit": limit})
     return table_text(rows)

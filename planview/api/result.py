@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,7 +11,6 @@ from textwrap import TextWrapper
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from calib.errors import printable
-from planview.output.folder import write_result
 from planview.output.words import figure_text, flat_settings, words_of
 
 if TYPE_CHECKING:
@@ -54,14 +52,6 @@ class Result(Generic[Found]):
 
         return DataFrame([*self.rows] or [self.to_json()])
 
-    def save(self, path: Path | str) -> None:
-        """Write the table into a .csv file, or all values as JSON. Raises WorkError: it cannot be written."""
-        path = Path(path)
-        if path.suffix == ".csv":
-            write_result(path, str(self.to_dataframe().to_csv(index=False)))
-        else:
-            write_result(path, json.dumps(self.to_json(), indent=2) + "\n")
-
 
 def text_of(values: Mapping[str, Any]) -> str:
     """Tables of what is several of a kind, then a line for every other value."""
@@ -97,8 +87,9 @@ def plain_values(found: object, *names: str) -> dict[str, Any]:
 
 
 def table_text(rows: Sequence[Mapping[str, str]]) -> str:
-    """Rows below the names of their columns (see ``aligned``)."""
-    return aligned([tuple(rows[0]), *(tuple(row.values()) for row in rows)])
+    """Rows below the names of their columns, without those that are empty (see ``aligned``)."""
+    names = [name for name in rows[0] if any(row[name] not in ("", "-") for row in rows)]
+    return aligned([names, *([row[name] for name in names] for row in rows)])
 
 
 def aligned(rows: Iterable[Sequence[str]]) -> str:

@@ -11,17 +11,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from calib.errors import InputError
-from calib.formats.one_camera import load_one_camera
-from calib.io import missing
+from calib.io import refuse_missing
 from planview.api.arguments import Frames, checked, frame_span, given_tracks, in_range, path_of, table_of
+from planview.api.result import Result, aligned
 from planview.counting import rules as rules_files
 from planview.counting.events import Event, is_events, read_events, write_event_header, write_event_rows
-from planview.counting.rules import AnalyticsParams, RulePlane, Rules, stereo_plane
-from planview.counting.totals import count_tracks, count_truth, score_counts, score_events, totals_table
+from planview.counting.rules import AnalyticsParams, RulePlane, Rules
+from planview.counting.totals import Counts, count_tracks, count_truth, score_counts, score_events
 from planview.evaluation.evaluate import EvaluationParams, evaluate_named
 from planview.evaluation.result import Evaluation, pool
 from planview.output.folder import folder_lock, unfinished_note, write_result
 from planview.output.run_folder import RunFolder
+from planview.output.words import figures_of
 from planview.trajectories.boxes import refuse_outside
 from planview.trajectories.clock import Clock
 from planview.trajectories.file import limit, warn_of
@@ -98,8 +99,7 @@ def truth_of(tracks: Path) -> Path:
     """The truth of the recording that a run tracked."""
     run = RunFolder.around(tracks)
     if run is None:
-        if not tracks.exists():
-            raise missing(tracks)
+        refuse_missing(tracks)
         raise InputError(f"{tracks}: no truth given, and no run.json here names the recording; add the truth file")
     if run.truth_file is None:
         raise InputError(f"{run.recording} has no truth.csv; add the truth file")
@@ -154,14 +154,15 @@ def count(
     ignore: str | None = None,
     fps: float | None = None,
     out: Path | str | None = None,
-) -> DataFrame:
+) -> Result[Counts]:
     """Count line crossings and zone occupancy in tracks.
 
     Writes events.csv and counts.json.
 
     ```python
-    totals = planview.count("out", "rules.toml")
-    crossed = planview.count(tracks, planview.load_rules("rules.toml", run="out"))
+    print(planview.count("out", "rules.toml"))
+    rules = planview.load_rules("rules.toml", run="out")
+    totals = planview.count(tracks, rules).to_dataframe()  # a row per rule
     ```
 
     Args:
@@ -182,8 +183,7 @@ def count(
             earlier call or of the run are replaced, with a message; else nowhere.
 
     Returns:
-        A row per rule with its kind and totals; ``attrs`` has the object of counts.json, with intervals and scores, and
-        ``attrs["events"]`` the rows of events.csv.
+        All events and stays; ``to_json()`` gives the object of counts.json, with intervals and scores.
 
     Raises:
         InputError: a file that cannot be read, or tracks without times or without a place in the plane of a rule.
@@ -196,7 +196,7 @@ def count(
     file, path, run = given_tracks(tracks)
     found = limit(file, region, ignore).table
     clock = Clock(file.table, fps or (run.info.fps if run else None))
-    plane = _plane(path_of(camera), path_of(rig), run)
+    plane = rules_files.plane_of(path_of(camera), path_of(rig)) or (run.rule_plane if run else RulePlane())
     placed = rules if isinstance(rules, Rules) else rules_files.load_rules(Path(rules), plane)
     for doubt in (unfinished_note(path) if path else "", placed.unknown_size_note, placed.far_rule_note(found)):
         warn_of(doubt)
@@ -209,9 +209,28 @@ def count(
     elif truth is not None:
         true = count_truth(load_truth(Path(truth)), counts.rules, clock, params, n_frames)
         result["scores"] = score_counts(true, counts, window).to_json()
-    if out is not None or path is not None:
-        _write_counts(path, path_of(out), counts.events, result)
-    return totals_table(result, counts.events)
+    files = _write_counts(path, path_of(out), counts.events, result) if out or path else []
+    rows = []
+    for name, values in result["rules"].items():
+        totals = {key: value for key, value in values.items() if isinstance(value, str | int | float)}
+        rows.append({"rule": name} | totals)
+    return Result(counts, result, rows, files, text=counts_text(result))
+
+
+def counts_text(result: dict[str, Any]) -> str:
+    """A table of the totals, and of the scores where there are any."""
+    rows = [("rule", "kind", f"counts in {result['duration_s']:.1f} s of recording")]
+    rows += [(name, values["kind"], ", ".join(_figures(values))) for name, values in result["rules"].items()]
+    scores = result.get("scores", {}).get("rules", {})
+    lines = [f"{name} against truth: {', '.join(_figures(values))}" for name, values in scores.items()]
+    return "\n".join([aligned(rows), *lines])
+
+
+def _figures(values: dict[str, Any]) -> list[str]:
+    figures = [" ".join(figure) for figure in figures_of(values)]
+    groups = (group for group in values.get("groups", []) if group["frames"])
+    people = "{people} people: {right_percent:.1f} % right, {mean_difference:+.2f}"
+    return figures + [people.format(**group) for group in groups]
 
 
 def load_rules(path: Path | str, run: Path | str | None = None) -> Rules:
@@ -226,29 +245,23 @@ def load_rules(path: Path | str, run: Path | str | None = None) -> Rules:
     return rules_files.load_rules(Path(path), RunFolder(Path(run)).rule_plane if run else None)
 
 
-def _write_counts(tracks: Path | None, folder: Path | None, events: Sequence[Event], result: dict[str, Any]) -> None:
+def _write_counts(
+    tracks: Path | None, folder: Path | None, events: Sequence[Event], result: dict[str, Any]
+) -> list[Path]:
     """Write events.csv and counts.json to a folder, else next to our own tracks; never into a folder of input data."""
     if folder is None:
         if tracks is None or tracks.name != "tracks.csv" or not os.access(tracks.parent, os.W_OK):
             warn_of("no events.csv and counts.json written: no folder was given for them")
-            return
+            return []
         folder = tracks.parent
-    files = [file for file in (folder / "events.csv", folder / "counts.json") if file.exists()]
+    files = [folder / "events.csv", folder / "counts.json"]
+    replaced = [str(file) for file in files if file.exists()]
     rows = io.StringIO()
     write_event_header(rows)
     write_event_rows(rows, events)
     with folder_lock(folder):  # an unfinished run writes its own
-        write_result(folder / "events.csv", rows.getvalue())
-        write_result(folder / "counts.json", json.dumps(result, indent=2) + "\n")
-    if files:
-        warn_of(f"replaced {' and '.join(map(str, files))}")
-
-
-def _plane(camera: Path | None, rig: Path | None, run: RunFolder | None) -> RulePlane:
-    if camera is not None and rig is not None:
-        raise InputError("a camera and a rig cannot be combined")
-    if camera is not None:
-        return RulePlane(load_one_camera(camera))
-    if rig is not None:
-        return stereo_plane(rig)
-    return run.rule_plane if run else RulePlane()
+        write_result(files[0], rows.getvalue())
+        write_result(files[1], json.dumps(result, indent=2) + "\n")
+    if replaced:
+        warn_of(f"replaced {' and '.join(replaced)}")
+    return files

@@ -13,7 +13,7 @@ from pkgutil import walk_packages
 from typing import TYPE_CHECKING
 
 from calib.errors import InputError
-from calib.params import LARGEST, Described, Params, descriptions, tables_of
+from calib.params import Described, Params, descriptions, tables_of
 from planview.api.arguments import in_range
 from planview.api.result import Result
 from planview.engine.config import Config
@@ -53,12 +53,6 @@ def params(pattern: str = "", *, everything: bool = False) -> list[Described]:
     return found
 
 
-def unit_of(field: Described) -> str:
-    """In which its value is, as its meaning has it in brackets, else its name; empty for plain numbers."""
-    found = re.search(r"\[([^\]\d][^\]]*)\]", field.meaning)
-    return found[1] if found else next((unit[1:] for unit in LARGEST if field.name.endswith(unit)), "")
-
-
 def inside(config: Config, table: str) -> Params:
     """A table of a configuration by its dotted name; itself for ""."""
     return reduce(getattr, filter(None, table.split(".")), config)
@@ -77,9 +71,7 @@ def _other_tables() -> Iterator[tuple[str, type[Params]]]:
 
 
 def _matches(field: Described, pattern: str) -> bool:
-    if any(c in pattern for c in "*?"):
-        return fnmatch(field.name, pattern)
-    return pattern.lower() in f"{field.name} {field.meaning}".lower()
+    return fnmatch(field.name, pattern) or pattern.lower() in f"{field.name} {field.meaning}".lower()
 
 
 def synth(

@@ -23,7 +23,7 @@ from calib.camera import LensModel
 from calib.errors import InputError
 from calib.formats import write_rig
 from calib.images import as_colour, as_grey, encode_image
-from calib.io import entries, parse_length, size_text, write_whole
+from calib.io import entries, parse_length, refuse_missing, size_text, write_whole
 from calib.types import U8
 from planview.drawing.style import page_of
 from planview.progress import Progress, unseen
@@ -62,7 +62,8 @@ class BoardImages:
         elif path.is_dir():
             self._files, self._videos = _in_folder(path)
         else:
-            raise InputError(f"{path}: expected a folder of board images or a video, found none")
+            refuse_missing(path)
+            raise InputError(f"{path}: expected a folder of board images or a video, found another file")
         self.is_video = bool(self._videos)
         if self.is_video:
             n_frames = min(VideoFile(video).n_frames for video in self._videos)

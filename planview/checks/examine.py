@@ -13,7 +13,7 @@ from calib.errors import InputError, WorkError
 from calib.formats import load_rig
 from calib.formats.one_camera import holds_one_camera, load_one_camera
 from calib.ground_camera import GroundCamera
-from calib.io import missing
+from calib.io import refuse_missing
 from calib.rig import Floor
 from calib.world import RIGS_FILE
 from planview.checks.check import Check
@@ -79,8 +79,7 @@ def examine(
             and one camera cannot measure it.
         WorkError: not one frame can be decoded.
     """
-    if not path.exists():
-        raise missing(path)
+    refuse_missing(path)
     options = options or OpenOptions()
     search = search or FloorSearch()
     if is_multi_rig(path):

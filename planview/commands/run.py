@@ -93,7 +93,7 @@ def run(call: Call) -> None:
     console = PlainConsole(stderr=True, quiet=call.own["quiet"])
     summary(console, info, out)
     if info.counts:
-        from planview.commands.scores import counts_text  # brings scipy
+        from planview.api.scores import counts_text  # brings scipy
 
         console.print(counts_text(info.counts))
     call.prints_json({"out": str(out), **info.model_dump(mode="json", exclude={"config"})})

@@ -12,7 +12,7 @@ from planview.commands.shell import JSON, Call, command
 from planview.evaluation.result import Evaluation
 from planview.output.report.page import evaluation_rows
 from planview.output.run_folder import RunFolder
-from planview.output.words import figure_text, figures_of
+from planview.output.words import figure_text
 from planview.trajectories.formats import file_pairs
 
 PUBLISHED = ("hota", "misses", "false_positives", "fragmentations", "mostly_tracked", "mostly_lost")
@@ -99,22 +99,6 @@ def count(call: Call) -> None:
         from_m = [0, 2]
         to_m = [1, 2]
     """
-    result = {name: value for name, value in call().attrs.items() if name != "events"}
-    if not call.prints_json(result):
-        print(counts_text(result))
-
-
-def counts_text(result: dict[str, Any]) -> str:
-    """A table of the totals, and of the scores where there are any."""
-    rows = [("rule", "kind", f"counts in {result['duration_s']:.1f} s of recording")]
-    rows += [(name, values["kind"], ", ".join(_figures(values))) for name, values in result["rules"].items()]
-    scores = result.get("scores", {}).get("rules", {})
-    lines = [f"{name} against truth: {', '.join(_figures(values))}" for name, values in scores.items()]
-    return printable("\n".join([aligned(rows), *lines]))
-
-
-def _figures(values: dict[str, Any]) -> list[str]:
-    figures = [" ".join(figure) for figure in figures_of(values)]
-    groups = (group for group in values.get("groups", []) if group["frames"])
-    people = "{people} people: {right_percent:.1f} % right, {mean_difference:+.2f}"
-    return figures + [people.format(**group) for group in groups]
+    result = call()
+    if not call.prints_json(result.to_json()):
+        print(result)

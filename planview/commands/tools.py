@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from textwrap import fill
 
-from calib.params import tables_of
+from calib.params import LARGEST, Described, tables_of
 from planview.api import tools as api
 from planview.api.result import aligned
 from planview.commands.shell import JSON, QUIET, Call, command
@@ -24,7 +25,7 @@ def params(call: Call) -> None:
     Example of what a scene of planview synth may hold: planview params --all synthetic.scene
     """
     found = call()
-    if call.prints_json({field.name: {**field._asdict(), "unit": api.unit_of(field)} for field in found}):
+    if call.prints_json({field.name: {**field._asdict(), "unit": unit_of(field)} for field in found}):
         return
     if len(found) == 1:
         only = found[0]
@@ -32,10 +33,16 @@ def params(call: Call) -> None:
         print(f"{only.name} = {only.default or 'required'}{bounds}\n{fill(only.meaning, 100)}")
     elif not sys.stdout.isatty():  # a line each, for grep and awk
         for field in found:
-            print(field.name, field.default or "required", api.unit_of(field), field.sentence, sep="\t")
+            print(field.name, field.default or "required", unit_of(field), field.sentence, sep="\t")
     else:
         rows = [(field.name, field.default or "required", field.range, field.sentence) for field in found]
         print(aligned([("name", "default", "range", "meaning"), *rows]))
+
+
+def unit_of(field: Described) -> str:
+    """In which its value is, as its meaning has it in brackets, else its name; empty for plain numbers."""
+    found = re.search(r"\[([^\]\d][^\]]*)\]", field.meaning)
+    return found[1] if found else next((unit[1:] for unit in LARGEST if field.name.endswith(unit)), "")
 
 
 def config_toml(config: Config) -> str:

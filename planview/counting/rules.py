@@ -14,6 +14,7 @@ from pydantic import AfterValidator, Field, ValidationError
 from calib.errors import InputError
 from calib.floor_camera import FloorCamera
 from calib.formats import load_rig
+from calib.formats.one_camera import load_one_camera
 from calib.io import load_toml
 from calib.params import Location, Params, dotted_name, first_problem
 from calib.people.model import ADULT_HEIGHT_M
@@ -125,8 +126,17 @@ def problem_of(polygon: F64) -> str:
     return ""
 
 
-def stereo_plane(rig_path: Path) -> RulePlane:
-    """The plane of a rig with a world.toml in its folder. Raises InputError: no rig or no world.toml there."""
+def plane_of(camera: Path | None, rig: Path | None) -> RulePlane | None:
+    """The plane of a camera above the floor, or of a rig with a world.toml in its folder; None of neither. Raises
+    InputError: both, or a file that cannot be read."""
+    if camera is not None and rig is not None:
+        raise InputError("a camera and a rig cannot be combined")
+    if camera is not None:
+        return RulePlane(load_one_camera(camera))
+    return None if rig is None else _stereo_plane(rig)
+
+
+def _stereo_plane(rig_path: Path) -> RulePlane:
     rig = load_rig(rig_path)
     world = (rig_path if rig_path.is_dir() else rig_path.parent) / "world.toml"
     if not world.is_file():

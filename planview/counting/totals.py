@@ -7,7 +7,7 @@ from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,9 +20,6 @@ from planview.evaluation.metrics import best_pairs
 from planview.evaluation.result import PEOPLE_GROUPS
 from planview.trajectories.clock import Clock, Span
 from planview.trajectories.table import IGNORED, Trajectories, WordColumn
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 INTERVALS_MAX = 10_080
 """Intervals of the totals at most, a week of minutes: where the clock has jumped they are longer."""
@@ -370,16 +367,3 @@ def _times_and_ways(events: Sequence[Event]) -> tuple[F64, WordColumn]:
 
 def _of(events: Sequence[Event], rule: str) -> list[Event]:
     return [event for event in events if event.rule == rule and event.kind == "crossing"]
-
-
-def totals_table(result: Mapping[str, Any], events: Sequence[Event]) -> DataFrame:
-    """A row per rule with its kind and totals; ``attrs`` has the whole object, and the rows of events.csv."""
-    from pandas import DataFrame  # half a second
-
-    rows = []
-    for name, values in result["rules"].items():
-        plain = {key: value for key, value in values.items() if isinstance(value, str | int | float)}
-        rows.append({"rule": name} | plain)
-    table = DataFrame(rows).set_index("rule")
-    table.attrs = {**result, "events": [vars(event) for event in events]}
-    return table

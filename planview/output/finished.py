@@ -14,7 +14,7 @@ from typing import NamedTuple
 from pydantic import BaseModel, ConfigDict, Field
 
 from calib.errors import InputError
-from calib.io import missing, read_text
+from calib.io import read_text, refuse_missing
 from planview.offline.edit import edited
 from planview.offline.refine import Refined, changes_csv, refine
 from planview.output.folder import RunInfo, finished_run, folder_lock, read_model, write_result, write_run_info, writing
@@ -140,8 +140,7 @@ def read_steps(folder: Path) -> list[EditStep]:
 def _finished_run_lock(folder: Path) -> Iterator[None]:
     """Hold the folder of a finished run; what it holds is read inside, since a call before may have changed it. Raises
     InputError: no finished run, or another call holds the folder."""
-    if not folder.exists():
-        raise missing(folder)
+    refuse_missing(folder)
     if not folder.is_dir() or finished_run(folder) is None:
         raise InputError(f"{folder}: no finished run in it")
     with folder_lock(folder):

@@ -220,7 +220,6 @@ def render_frame(composer: SceneComposer, run: RunFolder, frame: int, path: Path
     frames = frames_or_none(run, warnings.warn)
     picture = composer(frame, None if frames is None else frames.image(frame))
     with writing(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
         write_image(path, picture)
     return path
 

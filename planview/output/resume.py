@@ -25,7 +25,7 @@ import numpy as np
 
 import planview
 from calib.errors import InputError
-from calib.io import PART, reason, whole_file
+from calib.io import PART, reason, refuse_missing, whole_file
 from calib.types import AnyArray
 from planview.engine.engine import Engine
 from planview.output.folder import LOCK_NAME, PRODUCTS, HoldsResultsError, RunInfo, products_in, read_run_info, writing
@@ -153,8 +153,7 @@ def _files_in(path: Path) -> Iterator[Path]:
     """A file, or the files of a folder, in which links may lead back: each real folder counts once."""
     if path.is_file():
         yield path
-    elif not path.is_dir():
-        raise InputError(f"{path}: expected a recording, found no such file or folder")
+    refuse_missing(path)
     visited: set[str] = set()
     for parent, folders, names in os.walk(path, followlinks=True):
         place = os.path.realpath(parent)

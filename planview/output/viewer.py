@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calib.errors import InputError, WorkError
-from calib.io import missing, reason
+from calib.io import reason, refuse_missing
 from planview.output.folder import rrd_parts
 
 if TYPE_CHECKING:
@@ -170,8 +170,7 @@ def open_viewer(folder: Path, *, web: bool, port: int, web_port: int) -> Viewer:
     """The viewer of a run's folder, or of an .rrd file. Raises InputError: no recording for it, or one that it cannot
     read. WorkError: there is no display, or it cannot be started."""
     recording = folder if folder.suffix == ".rrd" else folder / "run.rrd"
-    if not folder.exists():
-        raise missing(folder)
+    refuse_missing(folder)
     if not recording.is_file():
         raise InputError(f"{folder}: no run.rrd in it, which a run writes", remedy="rrd=True")
     parts = [recording] if folder.suffix == ".rrd" else rrd_parts(recording)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from calib.errors import InputError
-from calib.io import entries, missing, refuse_unreadable
+from calib.io import entries, refuse_missing, refuse_unreadable
 from calib.world import RIGS_FILE, load_rigs
 from stereo.readers import base
 from stereo.readers.bags import READER as BAG
@@ -70,11 +70,10 @@ OF_TWO_IMAGES = tuple(reader for reader in READERS if reader not in (SIDE_BY_SID
 
 def find_reader(path: Path, readers: Sequence[base.Reader] = READERS) -> base.Reader:
     """The first reader whose layout a path has. Raises InputError: nothing there, or no layout that is known."""
-    refuse_unreadable(path, "a recording")
+    refuse_unreadable(path)
     if reader := next((reader for reader in readers if reader.fits(path)), None):
         return reader
-    if not path.exists():
-        raise missing(path)
+    refuse_missing(path)
     inside = entries(path)[:100] if path.is_dir() else []
     recordings = [one.name for one in inside if one.is_dir() and _is_recording(one)]
     if path.is_dir() and image_files(path) and _is_recording(path.resolve().parent):
@@ -92,8 +91,7 @@ def _two_paths(left: Path, options: OpenOptions) -> base.Layout:
     """The recordings of a left and a right camera, two videos or two folders of images, as one."""
     paths = left, options.right or left
     for path in paths:
-        if not path.exists():
-            raise missing(path)
+        refuse_missing(path)
         if path.suffix.lower() in SUFFIXES:
             raise InputError(f"{path}: expected a video or a folder of images of one camera, found {ONE_IMAGE}")
     folder = Path(os.path.commonpath([path.resolve().parent for path in paths]))
@@ -156,8 +154,7 @@ def open_video(path: Path | str, options: OpenOptions | None = None) -> Recordin
     only recordings with depth have."""
     path = Path(path)
     options = options or OpenOptions()
-    if not path.exists():
-        raise missing(path)
+    refuse_missing(path)
     if options.topics:
         raise InputError(f"expected a bag, found {path}: one camera", argument="topics")
     if options.calibration is not None:

@@ -222,6 +222,12 @@ def test_floor_refuses_clouds_that_show_none(cloud, found):
         find_floor([cloud], focal_px=FOCAL_PX, baseline_m=BASELINE_M)
 
 
+@pytest.mark.parametrize("clouds", [[], np.ones((9, 3)), [np.ones((4, 5, 3))]], ids=["none", "one cloud", "images"])
+def test_clouds_of_another_shape_are_refused(clouds):
+    with pytest.raises(InputError, match=r"\(N, 3\) array of points per frame"):
+        found(clouds)
+
+
 @settings(max_examples=15)
 @given(arrays(np.float32, (1200, 3), elements=st.floats(-100, 100, width=32)))
 def test_floor_of_anything_is_a_floor_or_a_refusal(cloud):

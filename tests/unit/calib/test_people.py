@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from calib.errors import InputError, WorkError
 from calib.ground_camera import GroundCamera
-from calib.people.calibration import Assessment, HumanCalibration, calibrate_from_people
+from calib.people.calibration import Assessment, HumanCalibration, calibrate_from_people, weighted_errors
 from calib.people.model import HULL_POINTS, HumanModel, KnownValues
 from calib.people.samples import COLUMNS, HumanSample, choose_spread, only_boxes, read_samples, write_samples
 from calib.types import F64
@@ -126,6 +126,16 @@ CAMERAS = {
     "oblique": GroundCamera(640, 480, 500.0, 4.0, math.radians(45), "normal-wide"),
     "near-horizontal": GroundCamera(640, 480, 600.0, 4.0, math.radians(68), "normal"),
 }
+
+
+def test_error_of_a_sample_is_how_far_its_ends_are_off_over_the_radius_of_its_box():
+    sample = standing_people(OBLIQUE, 1)[0]
+    places = OBLIQUE.back_project([sample.foot_px])
+    moved = np.add(sample.row(), [0, 0, 0, 0, 3, 0, 3, 0])
+    width, height = sample.box_px[2:]
+    length_share = math.dist(sample.head_px, sample.foot_px) / math.hypot(width, height)
+    expected = length_share * 3.0 / math.sqrt(width * height / math.pi)
+    assert weighted_errors(OBLIQUE, places, moved[None], HumanModel()) == pytest.approx(expected, rel=1e-6)
 
 
 def camera_errors(camera: GroundCamera, truth: GroundCamera) -> F64:

@@ -106,10 +106,6 @@ def test_times_are_read_in_every_way_that_recorders_write_them(texts, unit, step
     assert (stamps.unit, stamps.ns[1] - stamps.ns[0]) == (unit, step_ns)
 
 
-def test_no_digit_of_a_time_is_lost():
-    assert read_stamps("", ["1403715273.262142976"]).ns[0] == 1403715273262142976
-
-
 @pytest.mark.parametrize("text", ["29.10.2023 01:00", "2023-13-01 01:00:00", "3.5", "later"])
 def test_text_that_is_no_date_among_dates_is_named(text):
     with pytest.raises(InputError, match=rf"times\.txt.*'{text}'"):

@@ -1,7 +1,5 @@
 """The one type of result: words, plain values, a table, and files."""
 
-import pytest
-
 from planview.api.result import Result, aligned
 
 RUNS = Result([1, 2], {"runs": 2}, [{"name": "a", "score": 1.0}, {"name": "b", "score": 2.0}])
@@ -21,12 +19,6 @@ def test_result_shows_control_characters():
 
 def test_result_of_several_is_a_table_of_them():
     assert RUNS.to_dataframe()["score"].tolist() == [1.0, 2.0]
-
-
-@pytest.mark.parametrize(("name", "text"), [("a.json", '{\n  "runs": 2\n}\n'), ("a.csv", "name,score\na,1.0\nb,2.0\n")])
-def test_result_is_saved_in_the_format_of_its_name(tmp_path, name, text):
-    RUNS.save(tmp_path / name)
-    assert (tmp_path / name).read_text() == text
 
 
 def test_the_last_cell_of_a_row_is_wrapped(monkeypatch):

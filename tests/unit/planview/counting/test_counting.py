@@ -22,7 +22,7 @@ from planview.counting.rules import (
     Rules,
     load_rules,
     parse_rules,
-    stereo_plane,
+    plane_of,
 )
 from planview.counting.stream import Analytics
 from planview.counting.totals import INTERVALS_MAX, count_tracks, crossing_scores, occupancy_groups
@@ -179,9 +179,9 @@ def test_plane_of_a_rig_reads_its_world(tmp_path):
     lens = Camera(640, 480, 400.0, 400.0, 319.5, 239.5)
     save_rig(StereoRig(lens, lens, SE3(np.eye(3), np.array([-0.1, 0.0, 0.0]))), tmp_path / "rig.toml")
     with pytest.raises(InputError, match=r"world\.toml"):
-        stereo_plane(tmp_path / "rig.toml")
+        plane_of(None, tmp_path / "rig.toml")
     save_world(Floor(DOWN), tmp_path / "world.toml")
-    plane = stereo_plane(tmp_path / "rig.toml")
+    plane = plane_of(None, tmp_path / "rig.toml")
     placed = placed_wire(plane, [319.5, 239.5], [519.5, 239.5])
     np.testing.assert_allclose(placed.points, [[0, 0], [1, 0]], atol=0.01)
 
