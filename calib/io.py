@@ -260,18 +260,18 @@ def parse_length(text: str, what: str = "length") -> float:
     if match is None or match[2].lower() not in UNITS_M:
         raise InputError(f"{what}: expected a length with its unit ({units}), e.g. 24.23mm, found {text!r}")
     try:
-        value = float(match[1]) if match[1] else 1.0
+        value = float(match[1] or 1)
     except ValueError:
-        raise InputError(f"{what}: expected a length such as 24.23mm, found {text!r}") from None
-    if not (math.isfinite(value) and value > 0):
-        raise InputError(f"{what}: expected a positive length, found {text!r}")
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise InputError(f"{what}: expected a positive length such as 24.23mm, found {text!r}")
     return value * UNITS_M[match[2].lower()]
 
 
 def parse_size(text: str, what: str = "size") -> tuple[int, int]:
     """Width and height from text such as 1280x720. Raises InputError: other text."""
-    match = re.fullmatch(r"\s*(\d{1,5})\s*[xX×]\s*(\d{1,5})\s*", text)
-    if match is None or int(match[1]) < 1 or int(match[2]) < 1:
+    match = re.fullmatch(r"\s*([1-9]\d{0,4})\s*[xX×]\s*([1-9]\d{0,4})\s*", text)
+    if match is None:
         raise InputError(f"{what}: expected WIDTHxHEIGHT, e.g. 1280x720, found {text!r}")
     return int(match[1]), int(match[2])
 

@@ -34,6 +34,8 @@ SLOW_S = 2.0
 of a camera holds frames for longer."""
 WRONG_UNIT_S = 5.0
 """Milliseconds read as seconds make a frame last so long at up to 200 frames per second."""
+FASTEST_FPS = 1e4
+"""Nobody records people at a higher rate: such times are days, as spreadsheets count them."""
 EVEN_SHARE = 0.5
 """Share of the steps within half of their mean from which frames come one by one; of those in bursts none are."""
 BUFFERED_S = 0.01
@@ -102,16 +104,16 @@ def unit_of(numbers: F64, named: str | None = None) -> str:
     return next((unit for unit, longest in _LONGEST_STEP.items() if step <= longest), "ns")
 
 
-def seconds_of(source: Path | str, values: np.ndarray) -> F64:
-    """(n,) times [s] of the cells of a table, NaN where there is none: numbers, seconds unless no clock counts so many,
-    or dates. Raises InputError: see ``read_stamps``."""
+def seconds_of(source: Path | str, values: np.ndarray, unit: str = "s") -> F64:
+    """(n,) times [s] of the cells of a table, NaN where there is none: numbers in a unit, unless no clock counts so
+    many of it, or dates. Raises InputError: see ``read_stamps``."""
     if values.dtype.kind in "biuf":
         numbers = np.asarray(values, dtype=np.float64)
-        return numbers * (NS[unit_of(numbers, "s")] / NS["s"])
+        return numbers * (NS[unit_of(numbers, unit)] / NS["s"])
     texts = [str(value).strip() for value in values]
     rows = [row for row, text in enumerate(texts) if text.lower() not in ("", "nan", "nat", "none")]
     seconds = np.full(len(texts), np.nan)
-    seconds[rows] = read_stamps(source, [texts[row] for row in rows], "s").ns / NS["s"]
+    seconds[rows] = read_stamps(source, [texts[row] for row in rows], unit).ns / NS["s"]
     return seconds
 
 
@@ -226,7 +228,9 @@ class Rate:
 
     @property
     def note(self) -> str:
-        """Warning about uneven or rare frames, else empty."""
+        """Warning about uneven, rare or impossible frames, else empty."""
+        if self.fps > FASTEST_FPS:
+            return f"a frame lasts {1.0 / self.fps:.3g} s: are the times days?"
         if self.fps < 1.0 / SLOW_S:
             return f"a frame every {1.0 / self.fps:.3g} s, at which nobody can be followed"
         if self.burst == 1 and self.jitter_ms * self.fps > 1e3 * UNEVEN:
@@ -365,7 +369,9 @@ def doubts(frames: I64, times_s: F64) -> Sequence[str]:
         return (f"a frame lasts {period_of(frames, times_s, 0.0):.3g} s: are the times milliseconds?",)
     next_to = np.cumsum(np.append(0.0, steps[apart == 1]))
     rate = rate_of_times(next_to)
-    if rate is not None and rate.burst > 1:
+    if rate and rate.fps > FASTEST_FPS:
+        return (rate.note,)
+    if rate and rate.burst > 1:
         return (f"frames come in bursts of about {rate.burst}: are these times of arrival? Speeds are off",)
     return ()
 

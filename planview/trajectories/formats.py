@@ -71,6 +71,8 @@ def load_file(path: Path, *, truth: bool = False) -> TrajectoryFile:
     file = _load(path, truth)
     if file.fps is not None and not np.isfinite(file.table.timestamp_s).any():
         file = replace(file, table=replace(file.table, timestamp_s=file.table.frame / file.fps))
+    if len(file.table) and not np.isfinite([*file.table.box_px.T, file.table.x_m]).any():
+        raise InputError(f"{path}: expected people with a place (x_m, y_m) or a box, found neither")
     table, notes = judge_ids(file.table)
     file = replace(file, table=table)
     for sentence in filter(None, (file.note, *notes, doubt(table))):

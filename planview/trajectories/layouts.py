@@ -52,7 +52,8 @@ def _or_null(value: Any) -> Any:
 
 
 def read_jsonl(path: Path) -> TrajectoryFile:
-    """JSON lines; a last one that is cut short (the writer was interrupted) is left out."""
+    """JSON lines, of a frame with its people or of a person in a frame; a last one that is cut short (the writer was
+    interrupted) is left out."""
     states: list[str] = []
     numbers: list[F64] = []
     times: list[Any] = []
@@ -67,7 +68,7 @@ def read_jsonl(path: Path) -> TrajectoryFile:
                     break
                 raise InputError(f"{path}: expected JSON in line {number}, found {error}") from error
             try:
-                for person in frame["people"]:
+                for person in frame.get("people", [frame]):
                     states.append(str(person.get("state", "confirmed")))
                     numbers.append(_numbers(frame, person))
                     times.append(frame.get("timestamp_s"))
@@ -84,8 +85,7 @@ def read_jsonl(path: Path) -> TrajectoryFile:
 
 def _numbers(frame: dict[str, Any], person: dict[str, Any]) -> F64:
     """The NUMBER_COLUMNS of one person, NaN where one is null or missing, and for a time in words."""
-    box = person.get("box_px") or (None, None, None, None)
-    cells = dict(zip(BOX_COLUMNS, box, strict=True))
+    cells = dict(zip(BOX_COLUMNS, person.get("box_px") or (), strict=False))
     time = frame.get("timestamp_s")
     cells |= {"frame": frame["frame"], "timestamp_s": None if isinstance(time, str) else time, "id": person["id"]}
     return np.array([cells.get(name, person.get(name)) for name in NUMBER_COLUMNS], dtype=np.float64)

@@ -14,7 +14,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.io import expecting, require_file
-from calib.times import doubts, is_time, period_of, run_on, seconds_of
+from calib.times import NS, doubts, is_time, period_of, run_on, seconds_of
 from calib.types import F64, I64, AnyArray, Bool
 from planview.trajectories.state import TrackState
 
@@ -33,9 +33,12 @@ DECIMALS = (None, 4, None, *[4] * 5, None, *[1] * 5, 3, 4, 4)
 _ROW = ",".join("%s" if decimals is None else f"%.{decimals}f" for decimals in DECIMALS) + "\n"
 NUMBER_COLUMNS = tuple(name for name in TRACK_COLUMNS if name != "state")
 COLUMNS = (*TRACK_COLUMNS, "visible")
+TIMES = {"timestamp_s": "s"} | {f"{name}_{unit}": unit for unit in NS for name in ("timestamp", "time")}
+TIMES |= dict.fromkeys(("timestamp", "time"), "s")
+"""Columns of times with their unit, the first that there is counts; without a unit, seconds unless too many."""
 BOX_COLUMNS = TRACK_COLUMNS[9:13]
 LAST_COLUMNS = TRACK_COLUMNS[13:]
-TRUTH_COLUMNS = ("frame", "id", "x_m", "y_m", "height_m")
+NEEDED = ("frame", "id", "x_m", "y_m")
 STATES = ("tentative", "confirmed", "lost")
 PERSON_S = 0.5
 """A track is a person once it is confirmed for so long in all [s]. Flickers of foreground are shorter,
@@ -54,12 +57,12 @@ def table_of(columns: Mapping[str, Any] | DataFrame, source: Path | str) -> Traj
     """A table of columns named as in ``tracks.csv``, and "visible", with rows in any order; a column that is missing is
     unknown, and rows without a state are "confirmed". Messages name their source. Raises InputError: no frame, id, x_m
     or y_m, values that are not what a column holds, or two rows of one frame and id."""
-    for name in TRUTH_COLUMNS[:4]:
+    for name in NEEDED:
         if name not in columns:
             raise InputError(f"{source}: expected the column {name!r}, found {', '.join(map(str, columns)) or 'none'}")
     cells = {name: np.asarray(columns[name]) for name in COLUMNS if name in columns}
-    if "timestamp_s" in cells:
-        cells["timestamp_s"] = seconds_of(source, cells["timestamp_s"])
+    for name in [name for name in TIMES if name in columns][:1]:
+        cells["timestamp_s"] = seconds_of(source, np.asarray(columns[name]), TIMES[name])
     unknown = np.full(len(cells["frame"]), np.nan)
     with expecting(source, "numbers in the columns of tracks", TypeError, ValueError, OverflowError):
         number = {name: np.array(cells.get(name, unknown), np.float64) for name in (*NUMBER_COLUMNS, "visible")}
@@ -158,23 +161,23 @@ def separators(text: str) -> tuple[str, str]:
     return between, "," if between != "," and re.search(r"\d,\d", text) else "."
 
 
-def _read(file: Path | str, required: Sequence[str], what: str) -> Trajectories:
+def _read(file: Path | str, what: str) -> Trajectories:
     path = Path(file)
     require_file(path, f"a {what} file")
     with expecting(path, f"a {what} file", OSError, ValueError, csv.Error):
         header, *rows = path.read_text(encoding="utf-8-sig").split("\n")
         between, decimal = separators(header + "".join(rows[:1]))
         names = next(csv.reader([header], delimiter=between), [])
-        missing = [name for name in required if name not in names]
-        if missing:
-            raise InputError(f"{path}: expected a {what} file with the column {missing[0]!r}, found {names}")
-        kinds = {name: "U16" if name == "state" else "f8" for name in COLUMNS if name in names}
-        if "timestamp_s" in kinds and ":" in rows[0]:  # dates
-            kinds["timestamp_s"] = "U40"
+        if not set(NEEDED) <= set(names):
+            expected = f"{', '.join(NEEDED)}, or frame, id, left, top, width, height of boxes"
+            raise InputError(f"{path}: expected the columns {expected}, found {', '.join(names)}")
+        kinds = {name: "U16" if name == "state" else "f8" for name in (*COLUMNS, *TIMES) if name in names}
+        if ":" in "".join(rows[:1]):  # dates
+            kinds |= {name: "U40" for name in TIMES if name in kinds}
         kinds.setdefault(names[-1], "U1")  # a row that is cut short lacks its last cell at least
         try:
             cells = _read_cells([row.replace(decimal, ".") for row in rows if row.strip()], names, kinds, between)
-            return table_of({name: cells[name] for name in COLUMNS if name in kinds}, path)
+            return table_of({name: cells[name] for name in kinds}, path)
         except (ValueError, InputError):
             _refuse_first_fault(path, between, decimal)
             raise
@@ -185,7 +188,7 @@ def _read_cells(rows: Sequence[str], names: Sequence[str], kinds: dict[str, str]
     import."""
     if not rows:
         return np.empty(0, [*kinds.items()])
-    empty = re.compile(f"{between}(?= *({between}|$))")
+    empty = re.compile(f"{between} *(NA|N/A|null)? *(?={between}|$)")
     # With a separator before it the first cell is one like the others.
     filled = [empty.sub(f"{between}nan", between + row) for row in rows]
     places = [1 + names.index(name) for name in kinds]
@@ -214,8 +217,8 @@ def _expectation(name: str, cell: str) -> str:
         return ""
     if name == "state":
         return "" if cell in STATES else f"a state of {', '.join(STATES)}"
-    if name == "timestamp_s" and is_time(cell):
-        return ""
+    if name == "timestamp_s":
+        return "" if is_time(cell) else "a time (a number, or a date such as 2023-10-29T02:59:59)"
     try:
         number = float(cell)
     except ValueError:
@@ -387,12 +390,12 @@ class TrajectoryCollector:
 def read_tracks(path: Path | str) -> Trajectories:
     """Read ``tracks.csv``. Raises InputError: unreadable, columns missing, or a value that is not what its column
     holds."""
-    return _read(path, TRUTH_COLUMNS[:4], "tracks")
+    return _read(path, "tracks")
 
 
 def read_truth(path: Path | str) -> Trajectories:
     """Read ``truth.csv`` (same errors as ``read_tracks``)."""
-    return _read(path, TRUTH_COLUMNS, "truth")
+    return _read(path, "truth")
 
 
 def frame_times(table: Trajectories) -> tuple[I64, F64]:
@@ -432,9 +435,10 @@ def ordinal(number: int) -> str:
 def doubt(table: Trajectories) -> str:
     """Sentence on what no people are or do: of another unit, rate or order of columns; empty where there is none.
     A table without times is taken as one of two frames per second at least."""
-    placed = table.where((table.state == "confirmed") & np.isfinite(table.x_m) & np.isfinite(table.y_m))
-    n_ids = len(np.unique(placed.track_id))
-    n_frames = len(np.unique(placed.frame))
+    confirmed = table.where(table.state == "confirmed")
+    placed = confirmed.where(np.isfinite(confirmed.x_m) & np.isfinite(confirmed.y_m))
+    n_ids = len(np.unique(confirmed.track_id))
+    n_frames = len(np.unique(confirmed.frame))
     heights = list[float]()
     speeds = list[float]()
     times_s = placed.frame * frame_period_s(placed, PERSON_S)
@@ -452,7 +456,7 @@ def doubt(table: Trajectories) -> str:
         odd = [value for value in values if not low <= value <= high]
         if odd:
             doubts.append(f"{len(odd)} of {n_ids} people would be {np.median(odd):.3g} {unit}")
-    if n_ids > 1:
+    if len(placed) and n_ids > 1:
         span_m = max(np.ptp(placed.x_m), np.ptp(placed.y_m))
         if span_m < SPAN_MIN_M:
             doubts.append(f"all {n_ids} people would be within {span_m:.2g} m")

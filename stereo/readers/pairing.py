@@ -74,7 +74,8 @@ def pair_files(left: list[Path], right: list[Path], number: Callable[[Path], int
 
     Numbered files pair by number: a number that only one side has, or that both leave out of an otherwise even
     sequence, is a missing frame, so that indices (and times) keep the gap. Files without numbers pair in sorted
-    order. Beyond a tenth of unpaired numbers, or with different counts of unnumbered files, any pairing
+    order, and so do as many files on both sides that are numbered from two starts, or by two clocks, which share few
+    numbers. Beyond a tenth of unpaired numbers, or with different counts of unnumbered files, any other pairing
     would be a guess that silently mates wrong frames, so it is refused.
 
     Args:
@@ -87,13 +88,14 @@ def pair_files(left: list[Path], right: list[Path], number: Callable[[Path], int
         if len(left) != len(right):
             stems = {file.stem for file in left} & {file.stem for file in right}
             alone = [file for file in [*left, *right] if file.stem not in stems]
-            raise _no_mate(alone[0] if alone else left[0], left, right)
+            raise _no_mate((alone + left)[0], left, right)
         return in_order
     either = sorted(left_by.keys() | right_by.keys())
-    unpaired = [number for number in either if not (number in left_by and number in right_by)]
+    unpaired = sorted(left_by.keys() ^ right_by.keys())
     most = 0.1 * len(either)
-    if len(left) == len(right) and len(unpaired) > most:
-        return in_order  # e.g. numbered by two clocks
+    are_alike = np.array_equal(np.diff(sorted(left_by)), np.diff(sorted(right_by)))
+    if len(left) == len(right) and len(unpaired) > (most if are_alike else 5 * most):
+        return in_order  # numbered from two starts, or by two clocks
     if len(unpaired) > max(1.0, most):
         raise _no_mate(left_by.get(unpaired[0]) or right_by[unpaired[0]], left, right)
     return [(left_by.get(number), right_by.get(number)) for number in even_sequence(either)]

@@ -70,10 +70,11 @@ def test_running_clock_runs_on_where_the_times_do_not():
     [
         (np.arange(10) / 10, ""),
         (np.arange(10) * 33.0, "a frame lasts 33 s: are the times milliseconds?"),
+        (45_000 + np.arange(10) / 10 / 86400, "a frame lasts 1.16e-06 s: are the times days?"),
         (np.append(np.arange(9) / 10, 3 * 86400.0), "the clock jumps by 2 days, 23:59:59 from frame 8 to 9"),
         (in_bursts(5), "frames come in bursts of about 5"),
     ],
-    ids=["even", "ms", "jump", "bursts"],
+    ids=["even", "ms", "days", "jump", "bursts"],
 )
 def test_odd_times_of_a_table_are_named(times, said):
     found = doubts(np.arange(len(times)), times)

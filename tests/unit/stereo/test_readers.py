@@ -98,6 +98,12 @@ def test_files_stamped_by_two_clocks_pair_in_order():
     assert pair_files(left, right) == list(zip(left, right, strict=True))
 
 
+def test_files_that_lack_others_on_each_side_are_not_paired_in_order():
+    left, right = ([Path(f"{n}.png") for n in range(8) if n not in lost] for lost in ((3, 4), (5, 6)))
+    with pytest.raises(InputError, match=r"3\.png.*6 in .*and 6 in"):
+        pair_files(left, right)
+
+
 def test_file_whose_mate_has_another_name_is_refused():
     with pytest.raises(InputError, match=r"left/b\.png"):
         pair_files([Path(f"left/{name}.png") for name in "abc"], [Path("right/a.png"), Path("right/c.png")])

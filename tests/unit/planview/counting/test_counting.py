@@ -193,10 +193,6 @@ def tracks_at(times: list[float]) -> Trajectories:
     return collector.trajectories()
 
 
-def test_one_frame_has_the_given_rate():
-    assert np.isfinite(Clock(tracks_at([0.0]), 10.0).frame_s)
-
-
 def test_intervals_are_longer_where_the_clock_has_jumped():
     rules = parse_rules({"tripwire": [{"name": "door", "from_m": [0, 1], "to_m": [1, 1]}]}, RulePlane(), "rules.toml")
     counted = count_tracks(tracks_at([0.0, 0.1, 1.6e9]), rules).to_json()

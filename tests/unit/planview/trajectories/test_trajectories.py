@@ -70,6 +70,20 @@ def test_collected_tracks_are_those_of_a_round_trip_through_the_file(tmp_path):
     assert (read.x_m[0], read.y_m[0]) == (1.0001, 2.0) and np.isnan(read.height_m[0]) and np.isnan(read.box_px[0]).all()
 
 
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.csv", "frame,id,x_m,y_m,time_ms,note\n0,1,2,3,0,a\n1,1,2,NA,100,b\n"),
+        ("a.jsonl", '{"frame":0,"id":1,"x_m":2,"y_m":3,"timestamp_s":0}\n{"frame":1,"id":1,"x_m":2,"timestamp_s":0.1}'),
+    ],
+    ids=["milliseconds", "a person a line"],
+)
+def test_tables_that_other_programs_write_are_read(tmp_path, name, text):
+    (tmp_path / name).write_text(text)
+    table = load_tracks(tmp_path / name)
+    assert table.timestamp_s.tolist() == [0.0, 0.1] and table.x_m.tolist() == [2.0, 2.0] and np.isnan(table.y_m[1])
+
+
 def test_jupedsim_is_given_where_a_person_faces_or_else_walks(tmp_path):
     columns = {"frame": [0, 1], "id": [1, 1], "x_m": [0, 1], "y_m": [0, 0], "vx_mps": [2, 2], "vy_mps": [0, 0]}
     table = table_of(columns | {"facing_deg": [90.0, 90.0], "facing_confidence": [0.9, 0.8]}, "here")
@@ -82,7 +96,7 @@ def test_jupedsim_is_given_where_a_person_faces_or_else_walks(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("frame,id\n", "column 'x_m'"),
+        ("frame,id\n", "columns frame, id, x_m, y_m, or .* found frame, id"),
         ("frame,id,x_m,y_m,height_m\n1,1,a,0,0\n", "number in 'x_m', line 2, found 'a'"),
         ("frame,id,x_m,y_m,height_m\n1.5,1,0,0,0\n", "whole number in 'frame'"),
         ("frame,id,x_m,y_m,height_m\n1,1,0,0,0\n1,1,0,0,0\n", "two for frame 1, id 1"),
@@ -341,6 +355,7 @@ CORNERS = "".join(f"{k},7,{50 * k},20,{50 * k + 30 + k % 3},90,1\n" for k in ran
             "frame,id,x_m,y_m,height_m,visible\n1,2,3,4,1.7,99\n",
             "of 0 to 1 .*, found 99",
         ),
+        (load_tracks, "a.jsonl", '{"frame": 1, "id": 1, "x": 2}', "a place .* or a box, found neither"),
         (load_tracks, "a.json", '[{"frame": 1}]', "found a JSON list: write an object for each frame"),
         (load_tracks, "a.trc", "version 4\n2\n", r"found pixels of PeTrack: export its \.txt"),
         *(
