@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pandas
 
-from benchmarks.members import draw_scene
-from benchmarks.options import Report, Row, benchmark, cache_folder, rendered, tables
+from benchmarks.options import Report, Row, benchmark, cache_folder
 from benchmarks.passes import Pass, run_pass
 from benchmarks.real import DRAWS, GATE_M, WALKING_MPS, judged_frames, recordings_with_truth, truth_of
-from calib.io import load_toml
+from benchmarks.suite import suite_recording
+from calib.errors import WorkError
 from calib.types import F64
-from planview.engine.config import load_config
+from planview.engine.config import Config, load_config
 from planview.engine.open import base_config
 from planview.evaluation.metrics import build_sequence, clear_scores, floor_similarity
 from planview.synthetic.assets import SCENES, real_recordings
@@ -26,14 +27,15 @@ from planview.trajectories.ends import velocities
 from planview.trajectories.state import SURE_FACING
 from planview.trajectories.table import Trajectories, read_tracks, read_truth, rows_by_id, table_of
 
-RECORDINGS = ("stopping", "backing", "running")
-"""Scenes of ``data/synthetic/claims``."""
+STORIES = ("stopping", "backing", "running", "near", "behind")
+THINGS = ("door_slides", "pram", "trolley")
+"""Scenes of ``data/synthetic/claims``, and those of ``data/synthetic/things`` in which things move."""
 RUNNING_MPS = 2.0
 """Speed from which somebody runs [m/s]."""
 VISIBLE_MIN = 0.1
 """Unoccluded share below which a place is a guess and its error is not counted."""
 STOPPED = {"walking": 0.0, "stopped up to 2 s ago": 1e-9, "2 to 5 s": 2.0, "5 to 12 s": 5.0, "longer": 12.0}
-CONFIDENCES = {"below 0.5": 0.0, "0.5 to 0.9": 0.5, "from 0.9": 0.9}
+CONFIDENCES = {"below 0.1": 0.0, "0.1 to 0.5": 0.1, "0.5 to 0.9": 0.5, "from 0.9": 0.9}
 """Bins by where they begin."""
 
 
@@ -65,19 +67,32 @@ def claims(
         tracks = tracks.where(np.isin(tracks.frame, judged_frames(recording, truth, int(tracks.frame.max()) + 1)))
         judged.append(compare(tracks, truth).assign(material=recording.name, scene=recording.name))
     settings = load_config(None, overrides)
-    for one in seed:
-        for name in RECORDINGS:
-            scene = draw_scene(load_toml(SCENES / "claims" / f"{name}.toml", "a scene in TOML"), one, name)
-            title = f"claims-{name}-{one}"
-            recording = rendered(scene, title, folder)
-            tracks = read_tracks(run_pass(Pass(recording, folder, settings)) / "tracks.csv")
-            truth = everybody(scene, read_truth(recording / "truth.csv"))
-            judged.append(compare(tracks, truth).assign(material="rendered", scene=title))
+    paths = [SCENES / "claims" / f"{name}.toml" for name in STORIES]
+    paths += [SCENES / "things" / f"{name}.toml" for name in THINGS]
+    left_out = []
+    for one, path in product(seed, paths):
+        try:
+            judged.append(judge_scene(path, one, folder, settings))
+        except WorkError as error:
+            left_out.append(f"left out: {path.stem}, seed {one}: {error}")
     every = pandas.concat(judged)
     drawn = every[every.material == "rendered"]
-    return tables(
-        facing=facing_rows(drawn), confidence=confidence_rows(every), place=place_rows(every), runners=speed_rows(drawn)
-    )
+    figures = {
+        "facing": facing_rows(drawn),
+        "confidence": confidence_rows(every),
+        "place": place_rows(every),
+        "runners": speed_rows(drawn),
+    }
+    return Report(figures, [*figures.values()], left_out)
+
+
+def judge_scene(path: Path, seed: int, cache: Path, settings: Config) -> pandas.DataFrame:
+    """Every row of the tracks of the member of a scene that a seed draws, with what is true (``compare``). Raises
+    WorkError: it cannot be drawn, or the engine refuses it."""
+    recording, scene = suite_recording(path, seed, cache)
+    tracks = read_tracks(run_pass(Pass(recording, cache, settings)) / "tracks.csv")
+    truth = everybody(scene, read_truth(recording / "truth.csv"))
+    return compare(tracks, truth).assign(material="rendered", scene=f"{path.stem}-{seed}")
 
 
 def everybody(scene: Scene, shown: Trajectories) -> Trajectories:
@@ -154,19 +169,18 @@ def facing_rows(rows: pandas.DataFrame) -> list[Row]:
 
 
 def confidence_rows(rows: pandas.DataFrame) -> list[Row]:
-    """Share of rows that show somebody, next to their confidence, by state: ``lost`` people are predicted, in the image
-    or beyond it."""
-    rows = rows.assign(right=rows.true_id.notna(), bin=_bin(rows.confidence, CONFIDENCES))
+    """Share of rows that show somebody, next to their confidence, by state and for real and rendered recordings side by
+    side: ``lost`` people are predicted, in the image or beyond it."""
+    source = np.where(rows.material == "rendered", "rendered", "real")
+    rows = rows.assign(source=source, right=rows.true_id.notna(), bin=_bin(rows.confidence, CONFIDENCES))
     figures: list[Row] = []
-    for (material, state, name), part in rows.groupby(["material", "state", "bin"], observed=True):
-        figures.append(
-            {
-                "confidence": f"{material}: {state}, {name}",
-                "rows": len(part),
-                "right": _share(part),
-                "claimed": part.confidence.mean(),
-            }
-        )
+    for (state, name), both in rows.groupby(["state", "bin"], observed=True):
+        figure: Row = {"confidence": f"{state}, {name}"}
+        for material, part in both.groupby("source"):
+            figure[f"{material}: rows"] = len(part)
+            figure[f"{material}: claimed"] = part.confidence.mean()
+            figure[f"{material}: right"] = _share(part)
+        figures.append(figure)
     return figures
 
 

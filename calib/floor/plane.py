@@ -299,7 +299,7 @@ class Moved:
     """Evidence of what moves between the frames, mostly people.
 
     Attributes:
-        points: (M, 3) of all patches that moved [m].
+        points: (M, 3) of the patches that are large enough [m]: smaller ones are mostly errors of matching.
         middles: (K, 3) of each patch that is large enough [m].
         axes: (K, 3) unit vectors along them; NaN where they are not much longer than broad, or not of a person's size.
         weights: (K,) shares of their points.
@@ -317,7 +317,7 @@ class Moved:
         middles = np.array([patch.mean(axis=0) for patch in large]).reshape(-1, 3)
         axes = np.array([long_axis(patch) for patch in large]).reshape(-1, 3)
         counts = np.array([len(patch) for patch in large])
-        return cls(np.concatenate([np.empty((0, 3)), *patches]), middles, axes, counts / max(counts.sum(), 1))
+        return cls(np.concatenate([np.empty((0, 3)), *large]), middles, axes, counts / max(counts.sum(), 1))
 
     def objection(self, plane: Plane, params: FloorParams) -> str:
         """Objection to a plane as the floor from what moves; empty without one."""
