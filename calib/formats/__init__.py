@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -32,9 +33,9 @@ def find_rig(path: Path) -> RigFiles:
         return _find_in_folder(path)
     source = read_source(path)
     match = _recognise(source)
-    if match is None and is_tsai(source):
-        raise InputError(f"{path}: expected a stereo calibration, found a single camera (Tsai)")
     if match is None:
+        if is_tsai(source):
+            raise InputError(f"{path}: expected a stereo calibration, found a single camera (Tsai)")
         names = ", ".join(form.name for form in FORMATS)
         raise InputError(f"{path}: expected a calibration ({names}), found none of these formats{_hint(source)}")
     form, part = match
@@ -127,8 +128,8 @@ def _find_in_folder(folder: Path) -> RigFiles:
         raise InputError(f"{folder}: expected one calibration in it, found {len(rigs)} ({names}): name the file")
     contents = closed_text(_files(folder))
     if not contents and halves:
-        sides = next(iter(halves.values()))
-        contents = f"only half of a pair ({(sides['left'] + sides['right'])[0].path.name})"
+        half = next(source for sides in halves.values() for part in sides.values() for source in part)
+        contents = f"only half of a pair ({half.path.name}{_hint(half)})"
     if not contents:
         contents = next(filter(None, map(arrays_text, entries(folder))), "") or _strange_files(folder, hints)
     raise InputError(f"{folder}: expected a stereo calibration in it, found {contents}", remedy="calibration")
@@ -149,7 +150,7 @@ def _strange_files(folder: Path, hints: Mapping[Path, str]) -> str:
     """Description of a folder without a calibration: "none", and why its first files are none."""
     reasons = []
     for file in _files(folder):
-        if file.suffix.lower() in (".csv", ".txt") or file.name == "world.toml":
+        if re.fullmatch(r"(?!.*calib).*\.(csv|txt)|world\.toml", file.name, re.IGNORECASE):
             continue
         why = f"not of a known format{hints.get(file, '')}" if file.stat().st_size else "empty"
         reasons.append(f"{file.name} is {why}")

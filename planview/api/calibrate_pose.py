@@ -178,7 +178,7 @@ def human(
         InputError: samples or a video that cannot be read, or values that exclude each other.
         WorkError: too few people were found, or they do not determine how large people are in the image.
     """
-    if lens is not None:
+    if lens:
         one_of("lens", lens, LENS_K_320)
     try:
         known = KnownValues(focal, field, camera_height, person_height)

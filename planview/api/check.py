@@ -107,15 +107,17 @@ def _correct(seen: PairFrames | DepthFrames | None, file: Path | None) -> str:
 
 
 def verdict(checks: Sequence[Check]) -> list[str]:
-    """Whether results can be trusted, then a sentence on each check beyond its limit, failures first."""
+    """Whether results can be trusted, then what explains it and a sentence on each check beyond its limit, failures
+    first."""
     failed = [check for check in checks if check.failed]
     warned = [check for check in checks if not check.ok and check.warns]
     warnings = f"{len(warned)} warning{'s' * (len(warned) > 1)}"
     lines = [f"failed: {c.sentence}" for c in failed] + [f"warning: {c.sentence}" for c in warned]
+    lines.sort(key=lambda line: not line.startswith("warning: explanation"))
     if failed:
         also = f" and {warnings}" if warned else ""
-        also = f"{len(failed)} of {len(checks)} checks failed{also}"
-        return [f"Results of this recording cannot be trusted: {also}.", *lines]
+        count = f"{len(failed)} of {len(checks)} checks failed{also}"
+        return [f"Results of this recording cannot be trusted: {count}.", *lines]
     if warned:
         return [f"Results can be used, with {warnings}.", *lines]
     unknown = [check.name for check in checks if check.is_unknown]

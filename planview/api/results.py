@@ -158,7 +158,7 @@ def render(
     in_range("trail", trail, 0, 3600, " s")
     folder = Path(run)
     path = path_of(out)
-    if frame is None and path is not None and path.suffix.lower() in (".png", ".jpg", ".jpeg"):
+    if frame is None and path and path.suffix.lower() in (".png", ".jpg", ".jpeg"):
         raise InputError(f"{path} is one picture: say of which frame", remedy="frame")
     from planview.output.render import SceneComposer, render_frame, render_frames  # the engine takes half a second
 

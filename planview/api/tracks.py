@@ -172,9 +172,9 @@ def export(
         InputError: a file that cannot be read, one that is there already, or tracks that the format cannot hold.
         WorkError: the file cannot be written.
     """
-    if cloud is not None and to is None and isinstance(tracks, Path | str):
+    if cloud and to is None and isinstance(tracks, Path | str):
         return _export_cloud(Path(tracks), Path(cloud), opening(calibration), overwrite)
-    if to is None or cloud is not None:
+    if to is None or cloud:
         raise InputError(f"expected a format ({', '.join(FORMATS)}), or a file for the cloud of a run", argument="to")
     one_of("to", to, FORMATS)
     one_of("unit", unit, METRES)
@@ -191,9 +191,9 @@ def export(
         raise error.about(str(file or "the tracks")) from error
     if walkable is not None:
         warn_of(walkable.doubt(written.table))
-    if file is None and out is None:
+    if not (file or out):
         raise InputError("expected a file for a table of tracks, found None", argument="out")
-    path = Path(out) if out is not None else file.with_name(f"{file.stem}_{to}{FORMATS[to].suffix}")  # type: ignore[union-attr]
+    path = Path(out) if out else file.with_name(f"{file.stem}_{to}{FORMATS[to].suffix}")  # type: ignore[union-attr]
     rate = written.fps or 0.0
     rows = len(written.table)
     people = len(people_of(found.table, run.frame_s if run else 1.0 / rate))

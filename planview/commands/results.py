@@ -48,7 +48,7 @@ def render(call: Call) -> None:
 def view(call: Call) -> None:
     """Example: planview view out
 
-    Example on a machine without a display, then on yours, where a browser opens the address that it prints:
+    Example on a machine without a display, then on yours, with a browser:
         planview view out --web
         ssh -L 9090:127.0.0.1:9090 -L 9876:127.0.0.1:9876 MACHINE
     """

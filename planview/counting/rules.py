@@ -323,6 +323,7 @@ def parse_rules(data: dict[str, Any], plane: RulePlane, source: str) -> Rules:
     """Rules from the content of a rules.toml (same errors as ``load_rules``)."""
     if not data:
         raise InputError(f"{source}: expected at least one [[tripwire]] or [[zone]], found an empty file")
+    data = {name: [rules] if isinstance(rules, dict) else rules for name, rules in data.items()}
     unknown = set(data) - set(_File.model_fields)
     if unknown:
         raise InputError(f"{source}: expected tables named tripwire, zone or queue, found {min(unknown)!r}")

@@ -57,7 +57,7 @@ def recording_starts(table: Trajectories, set_back: I64) -> I64:
     walking = _across(claimed, frames, steps, is_short & ~jumps)
     is_used_again = _across(claimed, frames, steps, np.ones_like(jumps)) > 0
     times_s = clock.at(frames)
-    is_cut = np.diff(times_s, prepend=times_s[0]) > FORGOTTEN_S
+    is_cut = np.diff(times_s, prepend=times_s[0]) > max(FORGOTTEN_S, 2 * clock.frame_s)  # frames may last longer
     is_cut[np.searchsorted(frames, set_back[set_back <= frames[-1]])] = True
     begins = is_cut & is_used_again & (walking <= jumping)
     most_jump = is_used_again & (jumping > 1) & (jumping > walking)

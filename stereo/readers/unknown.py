@@ -12,8 +12,8 @@ from stereo.readers.video import DEPTH_IN_VIDEO, is_depth, video_files
 
 ONE_IMAGE = "a single image, in which nobody walks: give the folder of a camera's images"
 _NAMES = (
-    "give the two of a pair as two paths, left first, or name them left and right; name images rgb and their depth "
-    "depth; one camera needs a tracker of one camera"
+    "give the two of a pair as two paths, left first, or name them left and right; name images rgb and their depth, "
+    "images of 16 bits or of floating point, depth; one camera needs a tracker of one camera"
 )
 _READ = "give a video, a bag or a folder of images"
 _WAYS = {

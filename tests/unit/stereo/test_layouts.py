@@ -202,13 +202,10 @@ def test_text_that_no_clock_shows_is_refused(text):
         (["1403715273262142976", "1403715273312143104"], 50_000_128),
         ([f"1650000000_{n}" for n in (0, 66666667, 133333333, 200000000)], 66_666_667),  # nanoseconds without zeros
         ([f"2023-04-05_12-34-5{i}.{5 * i}00" for i in range(2)], 1_500_000_000),
-        ([f"20230405_123456_{n}" for n in ("000", "100", "200")], 100_000_000),
-        ([f"frame{i:04d}_165000000{i}123" for i in range(3)], 1_000_000_000),
         ([f"20230405_12345{s}_{n:02d}" for s in range(4) for n in range(10)], 100_000_000),  # counted in each second
         ([f"2023-04-05T12-34-56.{n}+0200" for n in range(8)], 100_000_000),  # decimals, behind a point
         ([f"20230405_123456_{n:02d}" for n in range(10)], None),  # of how many in the second?
         ([f"frame_{i:07d}_{1650000000000 + 33 * i}" for i in range(4)], 33_000_000),
-        (["left0001", "left0002"], None),
         (["2022041501", "2022041502"], None),
         (["9" * 20, "8" * 20], None),  # more digits than a clock
         (["20230405_120000"] * 9, None),

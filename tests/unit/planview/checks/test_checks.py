@@ -363,10 +363,11 @@ def test_the_verdict_names_what_failed_before_what_is_a_warning():
     warned = height_check(np.full(30, 1.05))
     failed = Check("valid disparity", False, 0.2, "", 0.35, "at least", "share of the picture")
     fine = Check("row offset", True, 0.1)
-    lines = verdict((fine, warned, failed))
-    assert "1 of 3 checks failed and 1 warning" in lines[0]
-    assert lines[1].startswith("failed: valid disparity: expected at least 0.35, found 0.2")
-    assert lines[2].startswith("warning: person height: expected 1.5 to 1.95 m, found 1.05")
+    cause = Check("explanation", False, math.nan, note="if left is right", warns=True)
+    lines = verdict((fine, warned, failed, cause))
+    assert "1 of 4 checks failed and 2 warnings" in lines[0] and lines[1] == "warning: explanation: if left is right"
+    assert lines[2].startswith("failed: valid disparity: expected at least 0.35, found 0.2")
+    assert lines[3].startswith("warning: person height: expected 1.5 to 1.95 m, found 1.05")
 
 
 def test_the_verdict_names_what_was_not_measured():

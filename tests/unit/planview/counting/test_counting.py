@@ -46,7 +46,7 @@ ZONE = '[[zone]]\nname = "till"\npolygon_m = [[0, 0], [2, 0], [2, 2]]\n'
 
 
 def test_rules_keep_metres_as_they_are(tmp_path):
-    rules = load_rules(rules_file(tmp_path, WIRE + ZONE + '[[queue]]\nname = "q"\nzone = "till"\n'))
+    rules = load_rules(rules_file(tmp_path, WIRE + ZONE + '[queue]\nname = "q"\nzone = "till"\n'))
     assert rules.names == ["door", "till", "q"] and rules.tripwires[0].plane == "floor"
     np.testing.assert_array_equal(rules.tripwires[0].points, [[0, 0], [2, 0]])
 

@@ -51,6 +51,11 @@ def test_after_a_longer_time_with_nobody_ids_are_other_people():
     assert starts(concatenate([walkers((1,)), walkers((1,), first=800)])) == [800]
 
 
+def test_frames_that_last_longer_than_people_are_remembered_begin_nothing():
+    table = walkers((1,), frames=20, speed_mps=0.1)
+    assert starts(replace(table, timestamp_s=70.0 * table.frame)) == []
+
+
 def test_times_that_begin_again_begin_another_recording():
     later = walkers((1,), first=100)
     table, notes = judge_ids(concatenate([walkers((1,)), replace(later, timestamp_s=later.timestamp_s - 10.0)]))
