@@ -68,7 +68,7 @@ class FloorPinhole:
     @property
     def centre_m(self) -> F64:
         """See ``FloorCamera``."""
-        return np.asarray(self.world_SE3_camera.translation, dtype=np.float64)
+        return self.world_SE3_camera.translation
 
     @property
     def pixel_sr(self) -> float:
@@ -78,7 +78,7 @@ class FloorPinhole:
     @cached_property
     def projection(self) -> F64:
         """See ``FloorCamera``."""
-        return np.asarray(self.matrix @ self.world_SE3_camera.inverse().matrix[:3], dtype=np.float64)
+        return np.asarray(self.matrix @ self.world_SE3_camera.inverse().matrix[:3])
 
     def rays(self, pixels: ArrayLike) -> F64:
         """See ``FloorCamera``; of unit depth."""
@@ -101,4 +101,4 @@ class FloorPinhole:
         rays = self.rays(pixels)
         centre = self.world_SE3_camera.translation
         down = np.where(rays[..., 2] < -1e-9, -rays[..., 2], np.nan)
-        return np.asarray(centre[:2] + rays[..., :2] * (centre[2] / down)[..., None], dtype=np.float64)
+        return np.asarray(centre[:2] + rays[..., :2] * (centre[2] / down)[..., None])

@@ -128,7 +128,7 @@ class GroundCamera:
         u = 0.5 * (self.width - 1)
         v = 0.5 * (self.height - 1)
         lens = np.array([[self.focal_px, 0.0, u], [0.0, self.focal_px, v], [0.0, 0.0, 1.0]])
-        return np.asarray(lens @ np.column_stack([axes, -axes @ self.centre_m]), dtype=np.float64)
+        return np.asarray(lens @ np.column_stack([axes, -axes @ self.centre_m]))
 
     def project(self, points_world: ArrayLike) -> F64:
         """(..., 2) pixels of (..., 3) world points [m], NaN behind the camera (Zhang et al. 2008, section 3.2).

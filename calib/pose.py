@@ -56,12 +56,12 @@ class SE3:
     def from_rotvec(rotvec: ArrayLike, translation: ArrayLike = (0.0, 0.0, 0.0)) -> SE3:
         """From a (3,) rotation vector [rad] and a translation [m]."""
         rotation, _ = cv2.Rodrigues(np.asarray(rotvec, dtype=np.float64).reshape(3, 1))
-        return SE3(np.asarray(rotation, dtype=np.float64), np.asarray(translation, dtype=np.float64))
+        return SE3(np.asarray(rotation), np.asarray(translation))
 
     @staticmethod
     def from_table(table: Mapping[str, Any]) -> SE3:
         """From the keys ``rotation`` and ``translation_m`` of a file."""
-        return SE3(*(np.array(table[key], dtype=np.float64) for key in ("rotation", "translation_m")))
+        return SE3(np.array(table["rotation"]), np.array(table["translation_m"]))
 
     def toml(self, digits: int | None = None) -> list[str]:
         """Lines of a file that ``from_table`` reads; floats keep all their digits unless fewer decimals are given."""
@@ -77,7 +77,7 @@ class SE3:
         # OpenCV's inverse takes turns of less than about 1e-5 for none.
         from scipy.spatial.transform import Rotation
 
-        return np.asarray(Rotation.from_matrix(self.rotation).as_rotvec(), dtype=np.float64)
+        return np.asarray(Rotation.from_matrix(self.rotation).as_rotvec())
 
     @property
     def angle_rad(self) -> float:

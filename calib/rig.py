@@ -89,8 +89,8 @@ class StereoRig:
         ahead = np.array([0.0, 0.0, 1.0]) + pose.rotation[2]
         z = ahead - (ahead @ x) * x
         z /= np.linalg.norm(z)
-        left = np.asarray(np.stack([x, np.cross(z, x), z]), dtype=np.float64)
-        return left, np.asarray(left @ pose.rotation.T, dtype=np.float64)
+        left = np.asarray(np.stack([x, np.cross(z, x), z]))
+        return left, np.asarray(left @ pose.rotation.T)
 
     def swapped(self) -> StereoRig:
         """The rig with left and right exchanged."""
@@ -202,7 +202,7 @@ class Floor:
         return float(np.arcsin(np.clip(self.world_SE3_left.rotation[2, 0], -1.0, 1.0)))
 
 
-def world_from_plane(normal: np.ndarray[Any, np.dtype[np.float64]], offset_m: float) -> SE3:
+def world_from_plane(normal: F64, offset_m: float) -> SE3:
     """Canonical world frame: origin on the floor below the left camera, Z up, X along the camera's x axis. Raises
     ValueError: the camera's x axis is vertical, so that X is not defined.
 

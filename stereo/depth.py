@@ -117,7 +117,7 @@ class RectifiedGeometry:
     @property
     def pixel_to_ray(self) -> F64:
         """(3, 3) homogeneous pixel to ray, the inverse of K."""
-        return np.asarray(np.linalg.inv(self.matrix), dtype=np.float64)
+        return np.asarray(np.linalg.inv(self.matrix))
 
     def above(self, world_SE3_left: SE3, step: int = 1) -> FloorPinhole:
         """The left camera above the floor, its image reduced by a whole factor ``step``."""

@@ -47,7 +47,7 @@ class DepthRegistration:
         size = image.width + 2 * x, image.height + 2 * y
         pinhole: F64 = image.matrix + np.array([[0, 0, x], [0, 0, y], [0, 0, 0]])
         self._pinhole = pinhole[[0, 1, 0, 1], [0, 1, 2, 2]]
-        to_ray = np.asarray(np.linalg.inv(pinhole), dtype=np.float64)
+        to_ray = np.asarray(np.linalg.inv(pinhole))
         self._distorted = source_pixels(image, np.eye(3), to_ray, size)
         # Depth of fewer pixels per degree leaves no holes; a quarter more bridges turns and lenses.
         self._half_px = max(0.5, 0.625 * max(image.fx / depth.fx, image.fy / depth.fy))

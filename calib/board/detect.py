@@ -57,7 +57,7 @@ class Board:
         """(cols * rows, 3) corners on the board [m], row by row, z = 0."""
         col, row = np.meshgrid(np.arange(self.cols), np.arange(self.rows))
         points = np.stack([col.ravel(), row.ravel(), np.zeros(col.size)], axis=-1)
-        return np.asarray(points * self.square_m, dtype=np.float64)
+        return np.asarray(points * self.square_m)
 
     @property
     def name(self) -> str:

@@ -161,8 +161,8 @@ class Lens:
 
     def camera(self, size: tuple[int, int], matrix: Any, coefficients: Any) -> Camera:
         """The camera of OpenCV's matrix and coefficients. Raises FitError: values that no camera has."""
-        k = np.asarray(matrix, dtype=np.float64)
-        distortion = np.asarray(coefficients, dtype=np.float64).ravel()[: self.count]
+        k = np.asarray(matrix)
+        distortion = np.asarray(coefficients).ravel()[: self.count]
         try:
             return Camera(*size, k[0, 0], k[1, 1], k[0, 2], k[1, 2], self.model, tuple(distortion.tolist()))
         except ValueError as error:
@@ -221,12 +221,12 @@ def fit_rig(
         else:
             result = opencv.stereoCalibrateExtended(*data, None, None, **how)
             _, k1, d1, k2, d2, rotation, translation, _, _, rvecs, tvecs, _ = result
-        pose = SE3(np.asarray(rotation, dtype=np.float64), np.asarray(translation, dtype=np.float64).reshape(3))
+        pose = SE3(np.asarray(rotation), np.asarray(translation).reshape(3))
     except (cv2.error, ValueError) as error:
         raise FitError(f"no pair of {lens.name} cameras fits the views") from error
     rig = StereoRig(lens.camera(size, k1, d1), lens.camera(size, k2, d2), pose)
-    turns = np.asarray(rvecs, dtype=np.float64).reshape(-1, 3)
-    shifts = np.asarray(tvecs, dtype=np.float64).reshape(-1, 3)
+    turns = np.asarray(rvecs).reshape(-1, 3)
+    shifts = np.asarray(tvecs).reshape(-1, 3)
     poses = np.hstack([turns, shifts])
     errors = tuple(view_errors(rig, view, points, pose) for view, pose in zip(views, poses, strict=True))
     if not all(np.isfinite(error).all() for error in errors):

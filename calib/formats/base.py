@@ -288,7 +288,7 @@ def join_cameras(left: tuple[Camera, SE3], right: tuple[Camera, SE3], source: st
 def camera_from_projection(size: Size, value: Any, name: str, unit_m: float) -> tuple[Camera, SE3]:
     """The camera of a (3, 4) projection P = K [I | t] of rectified images, and its pose."""
     p = numbers(value, name, 12).reshape(3, 4)
-    shift = np.asarray(np.linalg.solve(p[:, :3], p[:, 3]) * unit_m, dtype=np.float64)
+    shift = np.asarray(np.linalg.solve(p[:, :3], p[:, 3]) * unit_m)
     return camera(size, p[:, :3].ravel(), np.empty(0), "brown", name), SE3(np.eye(3), shift)
 
 

@@ -68,7 +68,7 @@ def camera_from(data: Mapping[str, Any], name: str, unit_m: float = 1.0) -> tupl
     rectified = projection[:, :3]
     if abs(np.linalg.det(rectified)) < 1e-9:
         raise ValueError(f"expected a projection_matrix with focal lengths in {name}, found one that is singular")
-    shift = np.asarray(np.linalg.solve(rectified, projection[:, 3]) * unit_m, dtype=np.float64)
+    shift = np.asarray(np.linalg.solve(rectified, projection[:, 3]) * unit_m)
     return camera, base.transform(rotation, -shift, f"rectification_matrix of {name}")
 
 

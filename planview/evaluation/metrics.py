@@ -105,7 +105,7 @@ def box_similarity(truth: Trajectories, rows: I64, tracks: Trajectories, track_r
     overlap = np.minimum(a[:, :2] + a[:, 2:], b[:, :2] + b[:, 2:]) - np.maximum(a[:, :2], b[:, :2])
     both = np.prod(np.maximum(overlap, 0.0), axis=-1)
     union = np.prod(a[:, 2:], axis=-1) + np.prod(b[:, 2:], axis=-1) - both
-    return np.asarray(np.where(union > 0, both / np.where(union > 0, union, 1.0), 0.0), dtype=np.float64)
+    return np.asarray(np.where(union > 0, both / np.where(union > 0, union, 1.0), 0.0))
 
 
 def build_sequence(truth: Trajectories, tracks: Trajectories, similarity: Similarity) -> Sequence:

@@ -128,7 +128,7 @@ def _smooth(matches: F64) -> F64:
     for _ in range(CURVED_STEPS):
         smooth = basis @ np.linalg.lstsq(basis * weights[:, None], offsets * weights, rcond=None)[0]
         weights = 1.0 / (1.0 + ((offsets - smooth) / ROW_PX) ** 2)
-    return np.asarray(smooth, dtype=np.float64)
+    return np.asarray(smooth)
 
 
 def rows_score(pairs: Pairs) -> Score:

@@ -354,4 +354,4 @@ def check_paired(pairs: TimePairs, path: Path) -> None:
 
 def own_times(ns: I64) -> F64:
     """(n,) float64 [s] since the first."""
-    return np.asarray((ns - ns[:1]) / 1e9, dtype=np.float64)
+    return np.asarray((ns - ns[:1]) / 1e9)
