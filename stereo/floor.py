@@ -29,6 +29,8 @@ from stereo.viewpoint import SpreadView, Viewpoints, view_of_most
 
 SETUP_FRAMES = 24
 """Frames, spread over a recording, in which floor and rig are measured."""
+ON_ROW_PX = 0.5
+"""Median row offset of corners that are matched to the right ones: chance puts them anywhere, pixels away [px]."""
 FITTED_STEP_PX = 3
 """The floor is fitted to every n-th row and column."""
 MIN_WATCHED, NEARER_FACTOR = 5, 1.15
@@ -91,11 +93,14 @@ class PairFrames:
 
     @cached_property
     def matches(self) -> F64:
-        """(N, 4) float64 corners [px] in four frames rectified by ``plain``: u, v, u in the right image, row offset.
+        """(N, 4) float64 corners [px] in frames rectified by ``plain``: u, v, u in the right image, row offset.
 
-        Disparities of both signs are searched, and rows that are wide apart, as they are when the wrong calibration is
+        Where those by which the calibration was corrected lie on their rows then, they are right. Else disparities of
+        both signs are searched in four frames, and rows that are wide apart, as they are when the wrong calibration is
         taken to an image: a rig turned by 2 degrees still matches.
         """
+        if self.correction.after_px < ON_ROW_PX:
+            return self.correction.matches
         geometry = self.plain.geometry
         searched = disparity_range(geometry)
         corners = list[F64]()

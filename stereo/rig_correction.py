@@ -67,6 +67,7 @@ class RigCorrection:
         turned: (3,) float64 probability that the rig has turned about each.
         before_px, after_px: median absolute row offset without and with the correction, of the rectified images in
             which it was measured [px]; NaN without matches.
+        matches: (N, 4) float64 corners in these images, as from ``match_corners``.
     """
 
     angles: F64 = field(default_factory=lambda: np.zeros(3))
@@ -74,6 +75,7 @@ class RigCorrection:
     turned: F64 = field(default_factory=lambda: np.zeros(3))
     before_px: float = math.nan
     after_px: float = math.nan
+    matches: F64 = field(default_factory=lambda: np.empty((0, 4)))
 
     @property
     def is_applied(self) -> Bool:
@@ -132,8 +134,8 @@ def measure_correction(
         return match_corners(*pair, disparity_max_px, search_px=search_px)
 
     with ThreadPoolExecutor(2) as pool:  # correlation releases Python's lock
-        matches = list(pool.map(match, pairs))
-    return fit_correction(np.concatenate([np.empty((0, 4)), *matches]), geometry)
+        matches = np.concatenate([np.empty((0, 4)), *pool.map(match, pairs)])
+    return replace(fit_correction(matches, geometry), matches=matches)
 
 
 def fit_correction(matches: F64, geometry: RectifiedGeometry) -> RigCorrection:
@@ -244,7 +246,7 @@ def _row_offset(values: F64, left: F64, right: F64) -> F64:
     u, v, w = SE3.from_rotvec(values[:3]).rotation @ right.T
     x, y, _ = left.T
     normal = v - w * y + values[4] * (w * x - u) - values[3] * (u * y - v * x)
-    return np.asarray(normal / w + values[5] * (x * x + 3.0 * y * y) + values[6] * 2.0 * x * y, dtype=np.float64)
+    return np.asarray(normal / w + values[5] * (x * x + 3.0 * y * y) + values[6] * 2.0 * x * y)
 
 
 def _rays(matches: F64, geometry: RectifiedGeometry) -> tuple[F64, F64]:
@@ -261,7 +263,7 @@ def _cell_medians(matches: F64, side_px: float) -> F64:
     order = np.lexsort((matches[:, 3], index))
     counts = np.bincount(index)
     middles = np.cumsum(counts) - (counts + 2) // 2
-    return np.asarray(matches[order[middles]], dtype=np.float64)
+    return np.asarray(matches[order[middles]])
 
 
 def match_corners(
