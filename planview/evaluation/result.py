@@ -363,8 +363,8 @@ class Evaluation:
         return count * seconds / self.duration_s if self.duration_s > 0 else None
 
     def _per_10_min(self, name: str, count: int) -> dict[str, float | None]:
-        upper = self._per(600.0, poisson_upper(count))
-        return {f"{name}_per_10_min": self._per(600.0, count), f"{name}_per_10_min_upper": upper}
+        key = f"{name}_per_10_min"
+        return {key: self._per(600.0, count), f"{key}_upper": self._per(600.0, poisson_upper(count))}
 
 
 _SUMS = (

@@ -8,6 +8,7 @@ which the person counts (visible enough), so that being hidden is no loss. ``gro
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -148,12 +149,14 @@ def grouped_events(errors: Sequence[SignificantError], within_frames: float) -> 
     return events
 
 
-def poisson_upper(count: int, confidence: float = 0.95) -> float:
+def poisson_upper(count: int) -> float:
     """The largest mean of a Poisson distribution that gives at most this many events with a probability of at least
-    1 - confidence: chi2.ppf(confidence, 2 count + 2) / 2 (Garwood 1936, one-sided)."""
-    from scipy.special import gammaincinv  # only where something is scored
+    0.05: chi2.ppf(0.95, 2 count + 2) / 2 (Garwood 1936, one-sided)."""
+    if not count:
+        return math.log(20)
+    from scipy.special import gammaincinv  # a tenth of a second
 
-    return float(gammaincinv(count + 1, confidence))
+    return float(gammaincinv(count + 1, 0.95))
 
 
 def split_visits(person: PersonHistory, frame_s: float) -> list[PersonHistory]:
@@ -172,7 +175,7 @@ def strict_identity_changes(people: list[PersonHistory], frame_s: float) -> int:
     left out; CLEAR's switches count these.
     """
     changes = sum(max(0, len(_persistent(person, PERSIST_S / frame_s)) - 1) for person in people)
-    return changes + sum(1 for _ in _transfers(people, frame_s))
+    return changes + len([*_transfers(people, frame_s)])
 
 
 def _visit_errors(visit: PersonHistory, frame_s: float) -> Iterator[SignificantError]:
