@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
+from itertools import compress
 from typing import Any
 
 import cv2
@@ -16,6 +17,7 @@ from calib.floor.find import find_floor
 from calib.floor.plane import FLOOR_DISPARITY_STD_PX, INLIER_SIGMAS, MAD_TO_SIGMA, TUKEY_C, FloorParams, Plane, sandwich
 from calib.images import as_grey
 from calib.params import Params
+from calib.pose import SE3
 from calib.rig import Floor
 from calib.types import F32, F64, U8, AnyArray, Bool
 from stereo.depth import RectifiedGeometry, back_project, median_image
@@ -153,13 +155,13 @@ class PairFrames:
         pair = self.rectifier(*frame.images)
         return self.rectifier.geometry.depth(self._match(pair.left_grey, pair.right_grey))
 
-    def floor(self, every: int = 1) -> Floor:
-        """The floor common to the frames, or to every n-th: found in the depth of each, then aligned with their images.
-        Raises WorkError: hardly any disparity is valid, or no floor is visible."""
+    def floor(self) -> Floor:
+        """The floor common to the frames: found in the depth of each, then aligned with their images. Raises WorkError:
+        hardly any disparity is valid, or no floor is visible."""
         geometry = self.rectifier.geometry
-        alike = np.flatnonzero(of_like_light(self.greys))[::every]
-        pairs = [self.rectified_pairs[k] for k in alike]
-        depths = [self.depths[k] for k in alike] if every == 1 else [self.depth_of(self.frames[k]) for k in alike]
+        alike = of_like_light(self.greys)
+        pairs = list(compress(self.rectified_pairs, alike))
+        depths = list(compress(self.depths, alike))
 
         def align(plane: Plane) -> Plane:
             left = median_image([pair.left_grey for pair in pairs])
@@ -223,12 +225,11 @@ class DepthFrames:
         """(H, W) float32 depth [m] of another frame, NaN where unknown."""
         return self.rectifier(*frame.images)[1]
 
-    def floor(self, every: int = 1) -> Floor:
-        """The floor common to the frames, or to every n-th. Raises WorkError: hardly any depth, or no floor is
-        visible."""
+    def floor(self) -> Floor:
+        """The floor common to the frames. Raises WorkError: hardly any depth, or no floor is visible."""
         geometry = self.rectifier.geometry
         align = partial(with_calibration_errors, baseline_m=geometry.baseline_m)
-        return floor_in(self.depths[::every], geometry, self._search.floor, align)
+        return floor_in(self.depths, geometry, self._search.floor, align)
 
 
 FRAMES: dict[type, Callable[..., PairFrames | DepthFrames]] = {StereoPair: PairFrames, DepthCamera: DepthFrames}
@@ -330,11 +331,12 @@ def floor_in(
     geometry: RectifiedGeometry,
     params: FloorParams,
     align: Callable[[Plane], Plane] | None = None,
+    near: SE3 | None = None,
 ) -> Floor:
     """The floor common to the (H, W) float32 depth images of some frames [m], NaN where unknown. Raises WorkError:
     there is hardly any depth, or no floor is visible.
 
-    ``align`` improves the plane that was chosen.
+    ``align`` improves the plane that was chosen; ``near`` is where alone it is looked for.
     """
     fitted = np.s_[::FITTED_STEP_PX, ::FITTED_STEP_PX]
     rays = back_project(np.ones(geometry.size[::-1], np.float32), geometry)[fitted]
@@ -352,7 +354,7 @@ def floor_in(
         sigma_z = [np.float32(share) * geometry.depth_std_m(cloud[:, 2]) for cloud in clouds]
     return find_floor(
         clouds, focal_px=geometry.focal_u_px, baseline_m=geometry.baseline_m, sigma_z=sigma_z,
-        moved=moved_patches(grids), align=align, params=params,
+        moved=moved_patches(grids), align=align, near=near, params=params,
     )  # fmt: skip
 
 

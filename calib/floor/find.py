@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -15,6 +15,7 @@ from calib.errors import InputError, WorkError
 from calib.floor import plane as planes
 from calib.floor.plane import INLIER_SIGMAS, Candidate, Cells, FloorParams, Moved, Plane, Rays
 from calib.people.model import ADULT_HEIGHT_M, ADULT_HEIGHT_STD_M
+from calib.pose import SE3
 from calib.rig import Floor, world_from_plane
 from calib.types import F32, F64, I64, Bool
 
@@ -41,6 +42,7 @@ def find_floor(
     sigma_z: Sequence[F32] | None = None,
     moved: Sequence[F64] = (),
     align: Callable[[Plane], Plane] | None = None,
+    near: SE3 | None = None,
     params: FloorParams | None = None,
 ) -> Floor:
     """The floor plane common to many frames.
@@ -56,6 +58,7 @@ def find_floor(
         sigma_z: one (N,) array of depth deviations [m] per cloud; replaces the noise model.
         moved: (M, 3) points of each patch that moves between the frames, mostly people [m].
         align: improves the plane that was chosen, e.g. by the images (see ``stereo.floor``).
+        near: a floor that was there before; only planes about it are looked at.
         params: what counts as a floor.
     """
     shapes = [np.shape(cloud) for cloud in clouds]
@@ -68,7 +71,8 @@ def find_floor(
         raise WorkError(f"no floor found: only {len(points)} points with valid depth in {len(clouds)} frames")
     movement = Moved.of(moved)
     cells = Cells(points)
-    candidates = floor_candidates(cells, params, movement)
+    guesses = _guesses(cells.medians(), params) if near is None else [-near.rotation[2] / near.translation[2]]
+    candidates = floor_candidates(cells, guesses, params, movement)
     best = planes.choose_floor(candidates, params)
     if best is None:
         raise WorkError(planes.refusal(candidates, len(clouds)))
@@ -78,12 +82,23 @@ def find_floor(
     return replace(floor, doubt=planes.doubt(best, candidates, movement, params))
 
 
-def floor_candidates(cells: Cells, params: FloorParams, moved: Moved) -> list[Candidate]:
-    """Planes in the points, each judged, about the likeliest first."""
+def floor_candidates(cells: Cells, guesses: Iterable[F64], params: FloorParams, moved: Moved) -> list[Candidate]:
+    """Planes in the points about guessed ones, (3,) q, each judged."""
     view = cells.medians()
+    candidates: list[Candidate] = []
+    for guess in guesses:
+        rough = planes.fit_plane(view, guess)
+        if rough is None or any(_same(rough, other.plane, view) for other in candidates):
+            continue
+        plane, against_plane = _refine(rough, cells)
+        candidates.append(planes.judge(plane, against_plane, cells, moved, params))
+    return candidates
+
+
+def _guesses(view: Rays, params: FloorParams) -> Iterator[F64]:
+    """Planes in points, (3,) q, about the likeliest first."""
     rest = view
     least = 0.5 * planes.MIN_INLIER_FRACTION * len(view)
-    candidates: list[Candidate] = []
     for number in range(2 * N_CANDIDATES):
         if len(rest) < max(3, least):
             break
@@ -93,14 +108,9 @@ def floor_candidates(cells: Cells, params: FloorParams, moved: Moved) -> list[Ca
         distances = np.abs(rest.residuals(guess))
         if (distances < INLIER_SIGMAS).sum() < least:
             break
+        yield guess
         # Planes cross: a third of the layer taken out leaves enough of a floor that this one cuts through.
         rest = rest.where(distances >= INLIER_SIGMAS / 3)
-        rough = planes.fit_plane(view, guess)
-        if rough is None or any(_same(rough, other.plane, view) for other in candidates):
-            continue
-        plane, against_plane = _refine(rough, cells)
-        candidates.append(planes.judge(plane, against_plane, cells, moved, params))
-    return candidates
 
 
 def _refine(plane: Plane, cells: Cells) -> tuple[Plane, Rays]:

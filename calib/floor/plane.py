@@ -207,13 +207,16 @@ def fit_plane(points: Rays, q: F64) -> Plane | None:
         if is_near.sum() < 3:
             return None
         # Feet, furniture and walls are all nearer than the floor: only the far side shows the noise.
-        far = residuals[is_near & (residuals <= 0)]
-        scale = float(MAD_TO_SIGMA * np.median(-far)) if len(far) else 0.0
+        far = np.sort(distances[is_near & (residuals <= 0)])
+        middle = far[(len(far) - 1) // 2 : len(far) // 2 + 1]
+        scale = float(MAD_TO_SIGMA * middle.sum() / max(len(middle), 1))
         width = min(INLIER_SIGMAS, max(TUKEY_C * scale, MIN_WIDTH))
         weights = np.where(distances < width, (1.0 - (residuals / width) ** 2) ** 2, 0.0)
         weighted = points.rays * (weights / points.sigma**2)[:, None]
         normal_matrix = weighted.T @ points.rays
-        if not np.isfinite(normal_matrix).all() or np.linalg.cond(normal_matrix) > 1e12:
+        if not np.isfinite(normal_matrix).all():
+            return None
+        if np.linalg.eigvalsh(normal_matrix)[0] <= 1e-12 * np.trace(normal_matrix):
             return None
         previous = q
         q = np.asarray(np.linalg.solve(normal_matrix, weighted.T @ points.inverse))

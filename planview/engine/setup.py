@@ -28,7 +28,7 @@ from planview.maps.grid import FloorRig, Grid, floor_in_view
 from stereo.depth import RectifiedGeometry
 from stereo.doctor.diagnose import diagnose
 from stereo.doctor.hypotheses import UNEXPLAINED
-from stereo.floor import DepthFrames, FloorSearch, PairFrames, spread_frames
+from stereo.floor import DepthFrames, FloorSearch, PairFrames, floor_in, spread_frames
 from stereo.matcher import Matcher, disparity_range
 from stereo.measure import DepthMeasure, Measure, PairMeasure
 from stereo.recording import DepthCamera, Recording, StereoPair
@@ -145,8 +145,10 @@ def _floor_of(
     floor = Floor(given)
     _analyse(recording.path, seen.rectifier.geometry, floor, pose_file, config)  # one out of view is refused
     with suppress(WorkError):
-        # A sixth of the frames shows well enough that a floor fits.
-        if given_floor_check(seen, given, Floor(seen.floor(6).world_SE3_left), pose_file).ok:
+        # A sixth of the frames shows well enough that a floor is where it was.
+        depths = [seen.depth_of(frame) for frame in seen.frames[::6]]
+        there = floor_in(depths, seen.rectifier.geometry, config.floor, near=given)
+        if given_floor_check(seen, given, Floor(there.world_SE3_left), pose_file).ok:
             return floor, pose_file
     with suppress(WorkError):  # a floor that is hidden is given
         check = given_floor_check(seen, given, seen.floor(), pose_file)

@@ -1,5 +1,6 @@
 import math
 from collections.abc import Sequence
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -90,6 +91,14 @@ def test_floor_of_a_furnished_room_is_found_at_any_tilt(tilt_deg):
     assert floor.height_m == pytest.approx(2.6, abs=0.02)
     assert math.degrees(floor.roll_rad) == pytest.approx(2.0, abs=0.3)
     assert math.degrees(floor.tilt_rad - Floor(pose).tilt_rad) == pytest.approx(0.0, abs=0.3)
+
+
+@pytest.mark.parametrize(("height_m", "is_there"), [(2.61, True), (1.9, False), (3.3, False)])
+def test_floor_is_looked_for_about_a_known_one(height_m, is_there):
+    clouds = room(pose_of(50, 2.6)).clouds()
+    with nullcontext() if is_there else pytest.raises(WorkError, match="no floor found"):
+        floor = find_floor(clouds, focal_px=FOCAL_PX, baseline_m=BASELINE_M, near=pose_of(50.2, height_m))
+        assert floor.height_m == pytest.approx(2.6, abs=0.02)
 
 
 def test_wall_before_which_people_walk_is_no_floor_seen_from_above():
