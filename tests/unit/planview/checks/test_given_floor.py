@@ -36,7 +36,6 @@ def seen(*planes: SE3) -> Any:
     ("given", "said"),
     [
         (floor(2.53, 50.5), ""),
-        (floor(2.5, 58.0), "the camera has rotated by 8.0 degrees since"),
         (floor(2.5, 47.0), "the camera has rotated by 3.0 degrees since"),
         (floor(3.0), "the camera has moved down by 0.50 m since"),
         (floor(2.0), "the camera has moved up by 0.50 m since"),

@@ -337,4 +337,3 @@ def test_upper_bound_of_a_poisson_count():
     # P(0; m) = exp(-m) = 5 % at m = ln 20; P(0 or 1; m) = (1 + m) exp(-m) = 5 % at 4.744.
     assert poisson_upper(0) == pytest.approx(np.log(20))
     assert poisson_upper(1) == pytest.approx(4.744, abs=1e-3)
-    assert 10 * poisson_upper(1) / 12.8 == pytest.approx(3.7, abs=0.01)
