@@ -418,7 +418,3 @@ class LifeCycle(Carried):
     def unobserved_s(self, track: Existence) -> float:
         """Time since the last observation [s]."""
         return self.now_s - track.observed_s
-
-    def age_s(self, track: Existence) -> float:
-        """Time since the track was spawned [s]."""
-        return self.now_s - track.spawned_s

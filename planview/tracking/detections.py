@@ -89,17 +89,10 @@ class DetectedPerson:
     def state(self, camera: GroundCamera) -> TrackState:
         """The person as reported, whose place is known as well as the camera."""
         left, top, width, height = self.box.tolist()
-        return TrackState(
-            track_id=self.existence.track_id,
-            state=self.existence.state,
-            x_m=self.kalman.x_m,
-            y_m=self.kalman.y_m,
-            vx_mps=self.kalman.vx_mps,
-            vy_mps=self.kalman.vy_mps,
-            height_m=self.height_m,
-            box_px=(left, top, width, height),
-            std_m=camera.std_m(self.kalman.x_m, self.kalman.y_m),
-        )
+        motion = *self.kalman.at_m, *self.kalman.velocity_mps
+        box_px = left, top, width, height
+        std_m = camera.std_m(*self.kalman.at_m)
+        return TrackState(self.existence.track_id, self.existence.state, *motion, self.height_m, box_px, std_m=std_m)
 
 
 class PlacedBoxes(NamedTuple):
@@ -340,15 +333,10 @@ class DetectionTracker(_DetectionsTracker[DetectedPerson]):
             kalman = FloorKalman.from_measurement(pose[:2], covariance[:2, :2], body.SPEED_MAX_MPS / 2)
             log_odds = odds.log_odds(NEWCOMER_SHARE) + float(placed.evidence[k])
             existence = self._life.spawn(f"a box that shows nobody known, {pose[2]:.2f} m tall", log_odds)
-            person = DetectedPerson(
-                existence=existence,
-                log_odds=log_odds,
-                kalman=kalman,
-                height_m=float(pose[2]),
-                height_var=float(covariance[2, 2]),
-                box=boxes[k].copy(),
-                foot=self._foot(kalman),
-            )
+            height_m = float(pose[2])
+            height_var = float(covariance[2, 2])
+            foot = self._foot(kalman)
+            person = DetectedPerson(existence, log_odds, kalman, height_m, height_var, boxes[k].copy(), foot)
             self._people.append(person)
 
     def _forget_gone(self) -> None:

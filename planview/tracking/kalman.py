@@ -37,29 +37,16 @@ class FloorKalman(NamedTuple):
         return FloorKalman(np.array([*xy_m, 0.0, 0.0]), covariance)
 
     @property
-    def x_m(self) -> float:
-        """Position along x [m]."""
-        return float(self.mean[0])
-
-    @property
-    def y_m(self) -> float:
-        """Position along y [m]."""
-        return float(self.mean[1])
-
-    @property
     def at_m(self) -> tuple[float, float]:
         """Position along x and y [m]."""
-        return self.x_m, self.y_m
+        x_m, y_m, _, _ = self.mean.tolist()
+        return x_m, y_m
 
     @property
-    def vx_mps(self) -> float:
-        """Velocity along x [m/s]."""
-        return float(self.mean[2])
-
-    @property
-    def vy_mps(self) -> float:
-        """Velocity along y [m/s]."""
-        return float(self.mean[3])
+    def velocity_mps(self) -> tuple[float, float]:
+        """Velocity along x and y [m/s]."""
+        _, _, vx_mps, vy_mps = self.mean.tolist()
+        return vx_mps, vy_mps
 
     @property
     def position_std_m(self) -> float:

@@ -244,10 +244,8 @@ class EllipseParticleTracker(Carried):
         self._states = np.asarray(self._filter.particles.mean(axis=0))
 
     def _report(self) -> tuple[TrackState, ...]:
-        states = []
-        for tracked, ellipse, state in zip(self._objects, self._ellipses(), self._states, strict=True):
-            states.append(self._state(tracked.existence, ellipse, state))
-        return tuple(states)
+        existences = [tracked.existence for tracked in self._objects]
+        return tuple(map(self._state, existences, self._ellipses(), self._states))
 
     def _ellipses(self) -> F64:
         """(N, 5) of all objects [cells]."""
@@ -472,17 +470,10 @@ class EllipseParticleTracker(Carried):
         ahead = self._camera.back_project(foot + state[VX : VY + 1] * self._scale)
         x_m, y_m = here.tolist()
         vx_mps, vy_mps = (ahead - here).tolist()
-        return TrackState(
-            track_id=existence.track_id,
-            state=existence.state,
-            x_m=x_m,
-            y_m=y_m,
-            vx_mps=vx_mps,
-            vy_mps=vy_mps,
-            height_m=height_of(self._camera, here, top),
-            box_px=box,
-            std_m=self._camera.std_m(x_m, y_m),
-        )
+        height_m = height_of(self._camera, here, top)
+        std_m = self._camera.std_m(x_m, y_m)
+        motion = x_m, y_m, vx_mps, vy_mps
+        return TrackState(existence.track_id, existence.state, *motion, height_m, box, std_m=std_m)
 
 
 def _shrink(image: U8, shape: tuple[int, int]) -> U8:

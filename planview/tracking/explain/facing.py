@@ -51,9 +51,10 @@ class Gait(NamedTuple):
         """Gait of somebody with this velocity."""
         speed_var = float(kalman.covariance[2, 2] + kalman.covariance[3, 3])
         spread = body.STROLL_MPS**2 + speed_var
-        still = spread / (spread + max(kalman.vx_mps**2 + kalman.vy_mps**2, 1e-6))
+        vx_mps, vy_mps = kalman.velocity_mps
+        still = spread / (spread + max(vx_mps**2 + vy_mps**2, 1e-6))
         concentration = 1.0 / (body.SIDEWARD_RAD**2 + still / (1.0 - still))
-        return Gait(still, math.atan2(kalman.vy_mps, kalman.vx_mps), concentration)
+        return Gait(still, math.atan2(vy_mps, vx_mps), concentration)
 
 
 class FacingDistribution(NamedTuple):

@@ -156,7 +156,8 @@ def _log_odds(
     if not body.is_within_reach(gone_s, back_m):
         return -math.inf
     ahead_s = body.walking_on_s(gone_s)
-    ahead_m = left.x_m + ahead_s * left.vx_mps, left.y_m + ahead_s * left.vy_mps
+    x_m, y_m, vx_mps, vy_mps = left.mean.tolist()
+    ahead_m = x_m + ahead_s * vx_mps, y_m + ahead_s * vy_mps
     odds = body.log_odds_same_place(gone_s, math.dist(ahead_m, came_m), back_m, floor_m2)
     others = [other.identity.clothes for other in everybody if other is not person and other is not newcomer]
     odds += person.identity.clothes.log_odds_same(newcomer.identity.clothes, stranger_colours(others))

@@ -141,15 +141,9 @@ class Glimpse(NamedTuple):
         """Glimpse by the (3,) patches of ``Samples.visible_patches``."""
         own, shown, in_view = patches.tolist()
         uncut = min(1.0, 1.25 * inside_share)  # the border may cut off a fifth
-        return Glimpse(
-            evidence=evidence,
-            visible_share=own / max(shown, TINY) * uncut,
-            shown_share=shown / in_view if in_view else 1.0,
-            inside_share=inside_share,
-            patches=in_view,
-            head_in_view=head_in_view,
-            shared_std_m=shared_std_m,
-        )
+        visible_share = own / max(shown, TINY) * uncut
+        shown_share = shown / in_view if in_view else 1.0
+        return Glimpse(evidence, visible_share, shown_share, inside_share, in_view, head_in_view, shared_std_m)
 
 
 @dataclass(eq=False)
@@ -248,18 +242,12 @@ class Person:
         """Somebody without an id at a pose, with what was measured there (``Samples.precision``)."""
         kalman = FloorKalman.from_measurement(pose[:2], noise)
         seen = Sighting(now_s, kalman)
+        identity = Identity(0, Travel(kalman.at_m))
         height_m, facing_rad, lean_m = pose[2:].tolist()
-        return cls(
-            identity=Identity(0, Travel(kalman.at_m)),
-            kalman=kalman,
-            height_m=height_m,
-            height_var=1.0 / (1.0 / body.HEIGHT_STD_M**2 + height_information),
-            stance=Stance(facing_rad, lean_m),
-            log_odds=BORN_LOG_ODDS + 0.25 * min(glimpse.evidence, EVIDENCE_MAX),
-            first_seen=seen,
-            last_seen=seen,
-            glimpse=glimpse,
-        )
+        height_var = 1.0 / (1.0 / body.HEIGHT_STD_M**2 + height_information)
+        stance = Stance(facing_rad, lean_m)
+        log_odds = BORN_LOG_ODDS + 0.25 * min(glimpse.evidence, EVIDENCE_MAX)
+        return cls(identity, kalman, height_m, height_var, stance, log_odds, seen, seen, glimpse)
 
     @property
     def track_id(self) -> int:

@@ -185,22 +185,10 @@ class ExplainingTracker(Carried, Generic[P, Q]):
         self, person: P, box_px: Box = NO_BOX, confidence: float = math.nan, std_m: float = math.nan
     ) -> TrackState:
         """Report a person, with the probability that somebody is there and the deviation of the place [m]."""
-        x_m, y_m = person.head_m
-        facing_deg, facing_confidence = person.stance.reported_facing
-        return TrackState(
-            track_id=person.track_id,
-            state=state_of(person.confirmed, self._is_visible(person)),
-            x_m=x_m,
-            y_m=y_m,
-            vx_mps=person.kalman.vx_mps,
-            vy_mps=person.kalman.vy_mps,
-            height_m=person.height_m,
-            box_px=box_px,
-            facing_deg=facing_deg,
-            facing_confidence=facing_confidence,
-            confidence=confidence,
-            std_m=std_m,
-        )
+        state = state_of(person.confirmed, self._is_visible(person))
+        motion = *person.head_m, *person.kalman.velocity_mps
+        facing = person.stance.reported_facing
+        return TrackState(person.track_id, state, *motion, person.height_m, box_px, *facing, confidence, std_m)
 
 
 def without(people: Sequence[P], gone: P) -> list[P]:

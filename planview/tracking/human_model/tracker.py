@@ -158,11 +158,11 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
             pose = people.poses[i]
             evidence = float(fits.evidence[i])
             glimpse = Glimpse.of(evidence, fits.patches[i], self._visibility(pose[:2]))
-            visible = glimpse.visible_share >= self.params.visible_min
+            person.glimpse = glimpse
+            visible = self._is_visible(person)
             if visible and rivals[i] >= 0 and not person.confirmed:  # whoever is has been seen apart from others
                 pair = frame.weigh_pair(i, rivals[i], people)
-                glimpse = glimpse._replace(evidence=min(evidence, pair.evidence))
-            person.glimpse = glimpse
+                person.glimpse = glimpse._replace(evidence=min(evidence, pair.evidence))
             self._measure(person, samples.person(i), pose, fits.curvature[i], fits.by_facing[i], dt_s)
             self._weigh(person, dt_s, self.params.stay_s)
             if visible:

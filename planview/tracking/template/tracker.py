@@ -341,7 +341,7 @@ class TemplateTracker(Carried):
         kept = []
         for person in self._people:
             track = person.existence
-            age_s = self._life.age_s(track)
+            age_s = self._life.now_s - track.spawned_s
             gone_s = self._life.unobserved_s(track)
             if track.observed and not track.confirmed and age_s >= self.params.confirm_s - 1e-9:
                 self._life.confirm(track, f"tracked for {age_s:.2f} s without a miss", age_s)
@@ -438,18 +438,8 @@ def _state(person: MapPerson, near_cells: int, camera: FloorCamera | None) -> Tr
     near = slice(half - near_cells, half + near_cells + 1)
     height_m = float(person.template_height[near, near].max()) or math.nan
     track = person.existence
-    kalman = person.kalman
     (box_px,) = person_boxes(camera, [(*person.at_m, height_m)])
-    return TrackState(
-        track_id=track.track_id,
-        state=track.state,
-        x_m=kalman.x_m,
-        y_m=kalman.y_m,
-        vx_mps=kalman.vx_mps,
-        vy_mps=kalman.vy_mps,
-        height_m=height_m,
-        box_px=box_px,
-    )
+    return TrackState(track.track_id, track.state, *person.at_m, *person.kalman.velocity_mps, height_m, box_px)
 
 
 def _square(at_m: Place, half_m: float) -> F32:
