@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import cv2
+import numpy as np
 from pydantic import Field
 
+from planview.maps.view import SURFACE, UNKNOWN, View
 from planview.tracking import body
 from planview.tracking.explain.explanation import Likelihood
 from planview.tracking.explain.params import PeopleParams
@@ -23,6 +28,8 @@ UNKNOWN_SHARE = 0.02
 """kappa, share of the pixels before which something unknown stands."""
 SPACING = 0.7
 """Distance of samples on a body [patches]."""
+OUTLINE = np.ones((5, 5), np.uint8)
+"""Pixels around one that may be on the other side of an outline: colour and depth mislay it by two."""
 
 
 class JointParams(PeopleParams):
@@ -52,3 +59,12 @@ def likelihood_of_ranges(p: JointParams) -> Likelihood:
         low_share=p.low_share,
     )
     return Likelihood.of(model, body.body_table(), p.disparity_std_px)
+
+
+def hide_outlines(view: View) -> View:
+    """The view without the surfaces next to what is more than an arm's length nearer: they show where its outline was
+    mislaid as often as somebody behind it."""
+    is_surface = view.kind == SURFACE
+    away_m = np.where(is_surface, view.range_m * view.rays.level[..., 2], np.inf)
+    is_behind = is_surface & (away_m > cv2.erode(away_m, OUTLINE) + body.REACH_M)
+    return replace(view, kind=np.where(is_behind, np.uint8(UNKNOWN), view.kind))

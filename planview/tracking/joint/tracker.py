@@ -17,7 +17,7 @@ from planview.tracking.explain.explanation import Explanation, Owners, People, S
 from planview.tracking.explain.identity import KNOWN_LOG_ODDS
 from planview.tracking.explain.person import Glimpse, Person, side_by_side
 from planview.tracking.explain.tracker import ExplainingTracker, without
-from planview.tracking.joint.ranges import JointParams, likelihood_of_ranges
+from planview.tracking.joint.ranges import JointParams, hide_outlines, likelihood_of_ranges
 from planview.tracking.kalman import FloorKalman
 from planview.tracking.odds import probability
 from planview.trajectories.state import TrackState
@@ -74,7 +74,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         Raises:
             ValueError: an observation without the pixels that the cameras saw, or of other cameras than before.
         """
-        views = observation.views
+        views = [hide_outlines(view) for view in observation.views]
         if not views:
             raise ValueError("expected the pixels that the cameras saw (Observation.views), found none")
         self._births.prepare(views)

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from toy_people import confirmed, look_at, oblique_camera, observed
 
-from planview.maps.view import UNKNOWN
+from planview.maps.view import SURFACE, UNKNOWN
 from planview.tracking import body
 from planview.tracking.base import Observation
 from planview.tracking.explain.explanation import upright_pose
 from planview.tracking.explain.person import Glimpse, Person
 from planview.tracking.joint import JointTracker
+from planview.tracking.joint.ranges import hide_outlines
 from planview.trajectories.state import TrackState
 
 CAMERA = oblique_camera()
@@ -36,10 +37,6 @@ def test_nobody_is_found_in_an_empty_room():
     assert not any(follow(lambda t: [], 1.0))
 
 
-def test_nobody_is_found_in_a_low_box_that_stands():
-    assert not any(map(confirmed, follow(lambda t: [(0.0, 3.0, 0.8)] if t > 0.3 else [], 3.0)))
-
-
 def test_observation_without_pixels_is_refused():
     with pytest.raises(ValueError, match="pixels"):
         JointTracker().update(Observation(0, 0.0))
@@ -48,6 +45,15 @@ def test_observation_without_pixels_is_refused():
 def test_what_never_changes_is_no_person():
     frames = follow(lambda t: [(0.0, 3.0, 1.75)] if t > 0.3 else [], 4.0)
     assert frames[-1] and not any(confirmed(states) for states in frames)
+
+
+def test_surface_beside_somebody_nearer_is_no_evidence():
+    view = look_at(CAMERA, [(0.0, 2.0, 1.75)])
+    person = view.kind == SURFACE
+    strip = np.roll(person, 2, axis=1) & ~person
+    view.range_m[strip] = 6.0
+    kind = hide_outlines(replace(view, kind=np.where(strip, SURFACE, view.kind))).kind
+    assert (kind[strip] == UNKNOWN).all() and (kind[person] == SURFACE).all()
 
 
 def test_a_thing_is_tried_once_as_long_as_it_does_not_change():
