@@ -15,7 +15,7 @@ from planview.tracking.explain.births import SEARCH_PRIOR, Births, odds_of_movin
 from planview.tracking.explain.clothes import colour_ratios
 from planview.tracking.explain.explanation import Explanation, Owners, People, Samples
 from planview.tracking.explain.identity import KNOWN_LOG_ODDS
-from planview.tracking.explain.person import Glimpse, Person, side_by_side
+from planview.tracking.explain.person import BORN_LOG_ODDS, Glimpse, Person, side_by_side
 from planview.tracking.explain.tracker import ExplainingTracker, without
 from planview.tracking.joint.ranges import JointParams, hide_outlines, likelihood_of_ranges
 from planview.tracking.kalman import FloorKalman
@@ -303,9 +303,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             coloured: colours show, or will again.
         """
         newcomers = [person for person in self._people if not person.confirmed]
-        sure = [
-            person for person in newcomers if self._is_visible(person) and self._confidence(person) > self.params.report
-        ]
+        sure = [person for person in newcomers if self._is_visible(person) and self._is_sure(person)]
         in_doubt: list[Person] = []
         for match in self._match(sure, self.params.floor_m2):  # before those who may be nobody
             if match.log_odds > KNOWN_LOG_ODDS:
@@ -321,11 +319,18 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             if match.log_odds > KNOWN_LOG_ODDS:
                 self._continue(match)
 
+    def _is_sure(self, newcomer: Person) -> bool:
+        """True if each kind of evidence by itself shows a person, even if but one newcomer in fifty were one."""
+        least = min(newcomer.log_odds, newcomer.proof.log_odds, self._personhood(newcomer))
+        return probability(least) > self.params.report
+
     def _confidence(self, person: Person) -> float:
-        """Probability that a person is there: of a newcomer, by independent evidence as well, and of no thing."""
-        if person.confirmed:
-            return person.existence
-        return probability(min(person.log_odds, person.proof.log_odds, self._personhood(person)))
+        """Probability that somebody is there, of a newcomer by independent evidence as well, and is no thing. The
+        evidence of its birth makes a newcomer as likely as not."""
+        existence = person.log_odds
+        if not person.confirmed:
+            existence = min(existence, person.proof.log_odds) - BORN_LOG_ODDS
+        return probability(existence) * probability(self._personhood(person))
 
     def _personhood(self, person: Person) -> float:
         """Log-odds of a person against a thing, by shape and own movement, and by height as far as the head has been in

@@ -60,9 +60,11 @@ def test_one_tall_frame_does_not_make_a_person_of_a_low_thing():
 
     tall, stood_up, mostly_low = seen(1.7), seen(0.9, 1.7), seen(*[0.9] * 8, 1.7)
     assert stood_up.proof.upright_density == pytest.approx(0.5 * tall.proof.upright_density)
-    claims = [JointTracker()._confidence(person) for person in (tall, stood_up, mostly_low)]
-    assert claims == sorted(claims, reverse=True)
-    assert claims[1] > JointTracker().params.report > claims[2]
+    assert [JointTracker()._is_sure(person) for person in (tall, stood_up, mostly_low)] == [True, True, False]
+
+
+def test_somebody_just_born_is_as_likely_as_not():
+    assert JointTracker()._confidence(seen_at(upright_pose((0.0, 3.0, 1.7)))) == pytest.approx(0.5 * 0.9)
 
 
 def test_who_walks_out_is_expected_ahead_or_back_in_the_door():
