@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -77,11 +78,11 @@ def opening(
 
 
 def checked(table: type[_Table], **values: Any) -> _Table:
-    """A parameter table. Raises InputError: a value out of its range, by name."""
+    """A parameter table. Raises InputError: a value out of its range, by its argument, which has no unit."""
     try:
         return table(**values)
     except ValidationError as error:
-        raise InputError(first_problem(error)) from error
+        raise InputError(re.sub("^(.*?)(_m|_s)?: ", r"\1=: ", first_problem(error), count=1)) from error
 
 
 def one_of(argument: str, value: object, choices: Iterable[str]) -> None:
@@ -101,8 +102,8 @@ def table_of(tracks: Trajectories | DataFrame) -> Trajectories:
     """Tracks that may be a table of pandas, judged as those of a file are. Raises InputError: not a table."""
     if not isinstance(tracks, Trajectories):
         if not hasattr(tracks, "columns"):
-            found = type(tracks).__name__
-            raise InputError(f"expected a table (Trajectories or DataFrame), a file or a folder, found {found}")
+            expected = "expected a table (Trajectories or DataFrame), a file or a folder"
+            raise InputError(f"{expected}, found {type(tracks).__name__}")
         tracks = Trajectories.from_dataframe(tracks)
     table, notes = judge_ids(tracks)
     for note in notes:

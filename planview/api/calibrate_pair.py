@@ -111,7 +111,7 @@ def board(
         WorkError: too few images show the board.
     """
     one_of("model", model, ("auto", *get_args(LensModel)))
-    square_m = square if isinstance(square, float) else parse_square(square)
+    square_m = square if isinstance(square, float) else parse_square(str(square))
     known = parse_board(board, square_m, marker, dictionary)
     lens = None if model == "auto" else model
     request = BoardRequest(known, square_m, dictionary is None, marker is None, lens)

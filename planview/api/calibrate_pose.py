@@ -78,7 +78,7 @@ def floor(
         WorkError: no floor is visible.
     """
     given = parse_points(points) if len(points) else None
-    if given is not None and tracks is not None:
+    if given is not None and tracks:
         raise InputError("points and tracks cannot be combined")
     if out and save:
         raise InputError("out and save cannot be combined")
@@ -92,7 +92,7 @@ def floor(
     view = FloorDepths(opened, search)
     if given is not None:
         found = view.floor_at(given)
-    elif tracks is not None:
+    elif tracks:
         file = Path(tracks) / "tracks.csv" if Path(tracks).is_dir() else Path(tracks)
         found = floor_from_tracks(opened, view, read_tracks(file), _floor_of_run(opened, file), file)
     else:

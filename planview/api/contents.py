@@ -93,6 +93,6 @@ def _calibration(recording: AnyRecording) -> dict[str, Any]:
 def _camera(stream: Stream, nominal_fps: float | None) -> dict[str, Any]:
     measured = None if stream.times_s is None else rate_of_times(stream.times_s)
     rate = dict.fromkeys(field.name for field in fields(Rate)) | {"fps": nominal_fps}
-    if measured is not None:
+    if measured:
         rate = asdict(measured)
     return plain_values(stream, "name", "size", "pixels") | {"frames": stream.n_frames, **rate}

@@ -129,11 +129,8 @@ def run(
         checkpoint_every_s=checkpoint_every,
     )
     if isinstance(recording, Engine):
-        opened = {"right": right, "calibration": calibration, "topics": topics, "fps": fps, "detections": detections,
-                  "matcher": matcher, "config": config}  # fmt: skip
-        given = [name for name, value in opened.items() if value is not None]
-        if given:
-            raise InputError(f"an engine has its own {' and '.join(given)}: give them to open_engine")
+        if any(value is not None for value in (right, calibration, topics, fps, detections, matcher, config)):
+            raise InputError("an engine has its own calibration, matcher and parameters: give them to open_engine")
         spec.refuse_folder()
         engine = recording
     else:

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 log = logging.getLogger(__name__)
-Edits = Sequence[Sequence[int] | int | str]
-"""Each as numbers, or as words that hold them."""
+Edits = Sequence[Sequence[int] | int | str] | int | str
+"""Each as numbers, or as words that hold them; a single one may stand alone."""
 
 
 def edit(
@@ -79,7 +79,8 @@ def edit(
     folder = Path(run)
     lines = [] if file is None else read_edits(Path(file))
     for kind, edits in {"join": join, "split": split, "delete": delete, "rename": rename}.items():
-        lines += [edit_line(kind, edit) for edit in edits]
+        several = [edits] if isinstance(edits, int | str) else edits
+        lines += [edit_line(kind, edit) for edit in several]
     for kind, text in {"region": region, "ignore": ignore}.items():
         if text is not None:
             lines.append(f"{kind} {region_of(text, f'{kind}=').wkt}")
@@ -195,10 +196,9 @@ def export(
         raise InputError("expected a file for a table of tracks, found None", argument="out")
     path = Path(out) if out else file.with_name(f"{file.stem}_{to}{FORMATS[to].suffix}")  # type: ignore[union-attr]
     rate = written.fps or 0.0
-    rows = len(written.table)
-    people = len(people_of(found.table, run.frame_s if run else 1.0 / rate))
-    values = {"file": str(path), "rows": rows, "people": people, "fps": rate}
-    text = f"{path}: {rows:,} rows of {people} people, {rate:g} frames per second"
+    people = people_of(found.table, run.frame_s if run else 1.0 / rate)
+    values = {"file": str(path), "rows": len(written.table), "people": len(people), "fps": rate}
+    text = f"{path}: {values['rows']:,} rows of {len(people)} people, {rate:g} frames per second"
     exported = Result(path, values, files=[path], text=text)
     if path == Path("-"):
         if to != "jsonl":

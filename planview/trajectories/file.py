@@ -126,7 +126,9 @@ class Region:
 
 
 def region_of(text: str, option: str) -> Region:
-    """A region of well-known text, or of a file with it. Raises InputError: neither."""
+    """A region of well-known text, which a geometry of shapely becomes, or of a file with it. Raises InputError:
+    neither."""
+    text = str(text)
     with suppress(OSError):  # text that is too long for a file's name
         if Path(text).is_file():
             return Region(read_text(Path(text), "a polygon"), text)

@@ -181,8 +181,8 @@ def test_foreign_tracks_write_nothing_next_to_them(folder, cli, succeed):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["--hysteresis", "-1"], "hysteresis_m"),
-        (["--interval", "0"], "interval_s"),
+        (["--hysteresis", "-1"], "--hysteresis: "),
+        (["--interval", "0"], "--interval: "),
         (["--window", "0", "--truth", "tracks.csv"], "--window"),
         (["--truth", "nothing.csv"], "nothing.csv"),
         (["--camera", "a.toml", "--rig", "b.toml"], "a camera and a rig cannot be combined"),

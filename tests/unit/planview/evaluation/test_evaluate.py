@@ -304,8 +304,8 @@ def test_motchallenge_distractor_is_neither_person_nor_error(tmp_path):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["--gate", "-1"], "gate_m"),
-        (["--min-visible", "2"], "min_visible"),
+        (["--gate", "-1"], "--gate: "),
+        (["--min-visible", "2"], "--min-visible: "),
         (["--frames", "9:3"], "--frames: expected FIRST:LAST, FIRST not after LAST"),
         (["--boxes"], "image boxes"),
         ([], "tracks.csv"),

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from toy_tracks import positions_table
 
+from calib.errors import InputError
+from planview.api.tracks import edit
 from planview.output.finished import read_steps
 from planview.output.folder import RunInfo, read_run_info, write_run_info
 from planview.trajectories.table import read_tracks, write_table
@@ -37,6 +39,11 @@ def test_edits_can_be_undone(run, cli, json_of):
     assert set(read_tracks(run / "tracks.csv").track_id.tolist()) == {1, 3}
     cli("edit", run, "--undo-all")
     assert (run / "tracks.csv").read_bytes() == before and not (run / "edits.json").exists()
+
+
+def test_text_is_one_edit(run):
+    with pytest.raises(InputError, match="no track has the id 12"):
+        edit(run, delete="12")
 
 
 def test_an_edit_that_is_refused_changes_nothing(run, cli):
