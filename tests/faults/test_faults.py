@@ -52,7 +52,8 @@ def test_fault(fault, good, tmp_path, cli):
     words = [word.replace("{}", str(recording)) for word in fault.words]
     status, printed = cli("run", recording, "--out", out, *FEW, *words)
     assert status == fault.status, printed
-    assert "Traceback" not in printed and (out / "notes.txt").read_text() == NOTES
+    assert "Traceback" not in printed
+    assert (out / "notes.txt").read_text() == NOTES
     sentences = [line for line in printed.splitlines() if line.startswith("planview: ")]
     if fault.status:
         assert len(sentences) == 1 and re.search(fault.message, sentences[0]), printed
@@ -70,14 +71,16 @@ def test_fault(fault, good, tmp_path, cli):
 def test_good_recording_runs_without_a_warning(good, tmp_path, succeed):
     succeed("run", good, "--out", tmp_path / "out", "--strict", *FEW)
     info = read_run_info(tmp_path / "out" / "run.json")
-    assert info.warnings == [] and info.frames_read == FRAMES
+    assert info.warnings == []
+    assert info.frames_read == FRAMES
 
 
 @pytest.mark.parametrize("name", ["caf\udce9", "a\x1b]0;owned\x07b", "[red]x[/]", "-x y"], ids=ascii)
 def test_folder_names_of_any_kind_stay_text(good, tmp_path, succeed, name):
     shutil.copytree(good, tmp_path / name)
     printed = succeed("run", tmp_path / name, "--out", tmp_path / f"{name}-out", *FEW)
-    assert "\x1b]" not in printed and "\x07" not in printed
+    assert "\x1b]" not in printed
+    assert "\x07" not in printed
     assert read_run_info(tmp_path / f"{name}-out" / "run.json").finished
 
 

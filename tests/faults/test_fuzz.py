@@ -234,7 +234,8 @@ def test_file_is_read_or_refused(folder, name):
 def test_damaged_recording_is_read_or_refused(kind):
     def case(seed):
         sentence = attempt(kind, seed)
-        assert sentence.isprintable() and len(sentence) < 900
+        assert sentence.isprintable()
+        assert len(sentence) < 900
 
     case(3269)  # a bag whose images' topic holds no message
     try_all(case, COUNT if NIGHTLY else COUNT // 4)  # they open recordings and resume runs
@@ -245,7 +246,8 @@ def test_maps_that_are_damaged_are_refused(folder):
 
     def case(seed):
         sentence = refusal(MapsRecording, folder / "maps.h5", damaged(good, seed))
-        assert sentence and is_clear(sentence, "maps.h5")
+        assert sentence
+        assert is_clear(sentence, "maps.h5")
 
     try_all(case)
 

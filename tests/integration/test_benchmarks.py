@@ -93,7 +93,8 @@ def test_suite_works_on_a_member_once(bench, tiny, tmp_path):
 @pytest.mark.parametrize("name", NAMES)
 def test_every_benchmark_has_help_with_an_example(bench, name):
     status, out, _ = bench(name, "--help")
-    assert status == 0 and f"python -m benchmarks {name}" in " ".join(out.split())
+    assert status == 0
+    assert f"python -m benchmarks {name}" in " ".join(out.split())
 
 
 @pytest.mark.parametrize(

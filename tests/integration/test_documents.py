@@ -30,7 +30,8 @@ WITH_BLOCKS = [
 def test_command_of_the_documents_has_these_options(command):
     app = make_app(words(command))
     function, _, unused = app.parse_args(words(command), exit_on_error=False, print_error=False)
-    assert callable(function) and not unused
+    assert callable(function)
+    assert not unused
 
 
 CALLS = sorted(
@@ -58,7 +59,8 @@ def test_messages_in_troubleshooting_are_those_of_the_program():
     page = (ROOT / "docs" / "troubleshooting.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `([^`]*)`", page, re.MULTILINE)
     parts = [part.strip(" )%,") for row in rows for part in re.split(r"\.\.\.|\(", row)]
-    assert len(rows) > 8 and [part for part in parts if part not in sources] == []
+    assert len(rows) > 8
+    assert [part for part in parts if part not in sources] == []
 
 
 @pytest.mark.parametrize("pattern", CANNOT_RUN)

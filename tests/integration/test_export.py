@@ -37,7 +37,8 @@ def test_pedpy_reads_the_positions_of_an_export(succeed, tracks):
     assert trajectory.frame_rate == FPS
     expected = load_file(tracks).table
     loaded = trajectory.data.sort_values(["frame", "id"])
-    assert np.abs(loaded.x - expected.x_m).max() < 1e-3 and np.abs(loaded.y - expected.y_m).max() < 1e-3
+    assert np.abs(loaded.x - expected.x_m).max() < 1e-3
+    assert np.abs(loaded.y - expected.y_m).max() < 1e-3
 
 
 def test_pedpy_reads_exports_with_their_walkable_area(succeed, tracks):
@@ -62,7 +63,8 @@ def test_pedpy_reads_exports_with_their_walkable_area(succeed, tracks):
 def test_evaluate_reads_exports(to, succeed, tracks, json_of):
     out = tracks.with_name("export")
     succeed("export", tracks, "--to", to, "--out", out)
-    assert json_of("evaluate", tracks, out)["mota"] == 1.0 and json_of("evaluate", out, out)["idf1"] == 1.0
+    assert json_of("evaluate", tracks, out)["mota"] == 1.0
+    assert json_of("evaluate", out, out)["idf1"] == 1.0
 
 
 def test_json_lines_go_to_standard_output(tracks, shown_by):
@@ -97,7 +99,8 @@ def test_most_points_of_an_empty_room_lie_on_its_floor(recording):
     pytest.importorskip("open3d")
     cloud = scene_of(recording)
     points = np.asarray(cloud.points)
-    assert points.shape == np.asarray(cloud.colors).shape and np.median(np.abs(points[:, 2])) < 0.03
+    assert points.shape == np.asarray(cloud.colors).shape
+    assert np.median(np.abs(points[:, 2])) < 0.03
 
 
 def test_cloud_of_a_recording_is_a_ply_file(succeed, recording, tmp_path):
@@ -117,7 +120,8 @@ def test_a_walk_after_the_end_of_a_track_has_an_id_of_its_own_where_ids_are_walk
     boxes = np.tile([10.0, 10.0, 40.0, 170.0], (40, 1))
     table = positions_table(frame, np.ones(40, int), np.zeros((40, 2)), timestamp_s=frame / FPS, box_px=boxes)
     written = export(table, to, out=tmp_path / "export")
-    assert np.unique(load_file(written.value).table.track_id).tolist() == ids and written.values["people"] == 1
+    assert np.unique(load_file(written.value).table.track_id).tolist() == ids
+    assert written.values["people"] == 1
 
 
 FORMATS = "csv", "jsonl", "pedpy", "ped-data-archive", "jupedsim", "motchallenge", "parquet"

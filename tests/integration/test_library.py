@@ -28,7 +28,8 @@ def test_run_without_a_folder_gives_what_a_folder_would_hold(engine, tmp_path):
     frames = EMPTY + 6
     kept = planview.run(engine, out=tmp_path / "out", frames=frames)
     tracks = planview.run(engine, frames=frames)
-    assert len(tracks) > 0 and np.array_equal(tracks.x_m, kept.x_m)
+    assert len(tracks) > 0
+    assert np.array_equal(tracks.x_m, kept.x_m)
     assert (tmp_path / "out" / "report.html").is_file()
 
 
@@ -41,7 +42,8 @@ def test_evaluation_takes_tables(engine, tmp_path):
 def test_dataframe_has_the_columns_of_the_file(engine, tmp_path):
     frame = planview.run(engine, out=tmp_path / "out", frames=EMPTY + 6).to_dataframe()
     header = (tmp_path / "out" / "tracks.csv").read_text().splitlines()[0]
-    assert ",".join(frame.columns) == header and frame.state.iloc[-1] in ("tentative", "confirmed")
+    assert ",".join(frame.columns) == header
+    assert frame.state.iloc[-1] in ("tentative", "confirmed")
 
 
 def test_a_tracker_without_reset_is_refused_before_the_recording_is_read(tmp_path):
@@ -73,7 +75,8 @@ def stepped(engine: Engine, frames: int) -> list[FrameResult]:
 
 def test_steps_of_a_stereo_engine_give_the_tracks_of_its_iteration_timed_by_stage_without_reading(engine):
     iterated = [result.tracks for result, _ in zip(engine, range(SHOWN), strict=False)]
-    assert any(iterated) and [result.tracks for result in stepped(engine, SHOWN)] == iterated
+    assert any(iterated)
+    assert [result.tracks for result in stepped(engine, SHOWN)] == iterated
     (result,) = stepped(engine, 1)
     assert list(result.stages_ms) == ["rectify", "match", "foreground", "maps", "track"]
 
@@ -272,7 +275,8 @@ def test_maps_of_a_depth_image_of_ones_own_take_the_three_lines_of_the_api_page(
     names = {"planview": planview, "np": np, "depth_m": depth_m, "people": people}
     exec(block.rpartition("\n\n")[2], names)
     maps, height_m = names["maps"], 2.7 - 1.2 * math.cos(math.radians(30))
-    assert block.rpartition("\n\n")[2].count("\n") == 2 and float(maps.height.max()) == pytest.approx(height_m, abs=0.1)
+    assert block.rpartition("\n\n")[2].count("\n") == 2
+    assert float(maps.height.max()) == pytest.approx(height_m, abs=0.1)
     row, column = np.unravel_index(int(np.argmax(maps.occupancy)), maps.occupancy.shape)
     x_m, y_m = maps.grid.centre_of(float(row), float(column))
     assert (x_m, y_m) == pytest.approx((0.0, 1.2 * math.sin(math.radians(30))), abs=0.1)
@@ -289,7 +293,8 @@ def test_loop_of_the_architecture_page_gives_the_tracks_of_the_engine(engine):
     expected = [placed(result) for result in engine]
     engine.reset()
     looped = names["track"](engine.recording, engine.sensors, engine.tracker)
-    assert any(expected) and [placed(result) for result in looped] == expected
+    assert any(expected)
+    assert [placed(result) for result in looped] == expected
 
 
 def test_point_cloud_of_a_frame_lies_on_its_surfaces(engine):
@@ -297,14 +302,16 @@ def test_point_cloud_of_a_frame_lies_on_its_surfaces(engine):
     points = np.asarray(result.point_cloud().points)
     person = result.tracks[0]
     near = np.hypot(points[:, 0] - person.x_m, points[:, 1] - person.y_m) < 0.2
-    assert abs(np.median(points[~near, 2])) < 0.1 and points[near, 2].max() > 1.2
+    assert abs(np.median(points[~near, 2])) < 0.1
+    assert points[near, 2].max() > 1.2
     assert len(points) == len(result.point_cloud().colors)
 
 
 def test_template_of_a_person_is_as_high_as_the_person(engine):
     result = next(r for r in engine if r.frame == EMPTY + 5)
     height, occupancy = result.template(result.tracks[0]) or pytest.fail("no template")
-    assert height.max() == pytest.approx(result.tracks[0].height_m, abs=0.15) and occupancy.max() > 0
+    assert height.max() == pytest.approx(result.tracks[0].height_m, abs=0.15)
+    assert occupancy.max() > 0
 
 
 def test_paths_may_be_text(recording, tmp_path):

@@ -47,7 +47,8 @@ def test_world_that_was_moved_is_aligned_on_the_floor(truth):
         box_px=np.full_like(truth.box_px, np.nan),
     )
     result = evaluate_tracks(turned, truth, EvaluationParams(gate_m=1.0, align=True, fps=7.0)).to_json()
-    assert result["mota"] > 0.99 and result["position_error_mean_m"] == pytest.approx(0.25, abs=0.02)
+    assert result["mota"] > 0.99
+    assert result["position_error_mean_m"] == pytest.approx(0.25, abs=0.02)
     assert result["alignment"]["rotation_deg"] == pytest.approx(-90.0, abs=1.0)
 
 
@@ -66,7 +67,8 @@ def test_pets_view_1_is_tracked_without_calibration(shared_data, tmp_path):
     truth = truth.where(truth.frame < FRAMES)
     tracks = read_tracks(path)
     scores = evaluate_tracks(tracks, truth, EvaluationParams(match_on="boxes"))
-    assert scores.mota >= 0.68 and scores.idf1 >= 0.70
+    assert scores.mota >= 0.68
+    assert scores.idf1 >= 0.70
     assert scores.clear.switches + len(scores.significant) <= 22, (scores.clear.switches, len(scores.significant))
 
 
@@ -114,7 +116,9 @@ def test_two_walkers_are_followed_through_the_middle_as_they_went(shared_data):
         assert frame[crossing + 1] == pytest.approx(crossed_at, abs=10)
         assert np.sign(column[-1] - 0.5) == np.sign(0.5 - column[0]) == way
         # Followed for as long as they are well inside.
-        assert column.min() < 0.3 and column.max() > 0.7 and np.diff(frame).max() <= 5
+        assert column.min() < 0.3
+        assert column.max() > 0.7
+        assert np.diff(frame).max() <= 5
 
 
 STANDS_FROM = 30
@@ -155,7 +159,8 @@ def test_walker_is_tracked_along_the_path_of_the_depth_blobs(walked, shared_data
         if int(f) in path
     ]
     assert len(off) >= 20  # of 23 that the path has; a track is confirmed from its third frame on
-    assert np.median(off) < 0.15 and np.percentile(off, 95) < 0.15
+    assert np.median(off) < 0.15
+    assert np.percentile(off, 95) < 0.15
     assert np.nanmedian(tracks.height_m) == pytest.approx(1.765, abs=0.05)
 
 

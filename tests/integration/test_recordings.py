@@ -50,24 +50,30 @@ def recordings(shared_data) -> Path:
 def test_stereo_sample_opens_as_it_was_recorded(recordings, name, reader, size, frames, fps, focal_px, baseline_m):
     assert find_layout(recordings / name)[0].key == reader
     recording = open_recording(recordings / name)
-    assert recording.sensor.rig.left.size == size and recording.n_frames == frames
+    assert recording.sensor.rig.left.size == size
+    assert recording.n_frames == frames
     assert recording.fps == pytest.approx(fps, rel=1e-4)
     assert recording.sensor.rig.left.fx == pytest.approx(focal_px, rel=1e-5)
-    assert recording.sensor.rig.baseline_m == pytest.approx(baseline_m, rel=1e-3) and len(recording.sample(2)) == 2
+    assert recording.sensor.rig.baseline_m == pytest.approx(baseline_m, rel=1e-3)
+    assert len(recording.sample(2)) == 2
 
 
 def test_depth_topics_open_as_they_were_recorded(recordings):
     _, layout = find_layout(recordings / "ros1-bag" / "rgbd_compressed.bag")
     frame = layout.open().sample(1)[0]
-    assert layout.kind == "rgbd" and layout.n_frames == 15 and layout.clock.fps == pytest.approx(5.0)
-    assert frame.index == 0 and layout.streams[1].pixels == "depth"
+    assert layout.kind == "rgbd"
+    assert layout.n_frames == 15
+    assert layout.clock.fps == pytest.approx(5.0)
+    assert frame.index == 0
+    assert layout.streams[1].pixels == "depth"
 
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_is_no_recording_is_refused_in_one_sentence(recordings, name):
     with pytest.raises(InputError) as error:
         open_recording(recordings / name)
-    assert REFUSED[name] in str(error.value) and "\n" not in str(error.value)
+    assert REFUSED[name] in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +98,8 @@ def samples(shared_data) -> Path:
 )
 def test_sample_is_read(name, size, baseline_m, samples):
     rig = load_rig(samples / name, size)
-    assert rig.baseline_m == pytest.approx(baseline_m, rel=1e-3) and rig.left.size == rig.right.size == size
+    assert rig.baseline_m == pytest.approx(baseline_m, rel=1e-3)
+    assert rig.left.size == rig.right.size == size
 
 
 @pytest.mark.parametrize(
@@ -137,12 +144,15 @@ def test_pets_view_puts_the_annotated_feet_where_the_annotation_does(shared_data
     rows = np.loadtxt(folder / "gt.txt", delimiter=",")
     feet = (np.column_stack([rows[:, 2] + rows[:, 4] / 2, rows[:, 3] + rows[:, 5]]) + 0.5) * 1.6 - 0.5
     away = np.linalg.norm(camera.back_project(feet) - rows[:, 7:9], axis=1)
-    assert np.median(away) < 0.15 and away.max() < 0.25
+    assert np.median(away) < 0.15
+    assert away.max() < 0.25
 
 
 def middlebury(folder: Path) -> tuple[U8, U8, F32]:
     left, right, truth = (cv2.imread(str(folder / name), 0) for name in ("im2.ppm", "im6.ppm", "disp2.pgm"))
-    assert left is not None and right is not None and truth is not None
+    assert left is not None
+    assert right is not None
+    assert truth is not None
     known = truth.astype(np.float32) / 4
     known[truth == 0] = np.nan
     return left, right, known
@@ -166,7 +176,8 @@ def test_overhead_pair_is_corrected_by_its_own_matches(shared_data):
     found = pairs.correction
     assert np.degrees(found.angles[2]) == pytest.approx(0.158, abs=0.02)  # see the recording's README
     assert list(found.is_applied) == [True, False, True]  # yaw cannot be printed
-    assert "roll corrected by 0.15" in str(found) and found.before_px > 0.3
+    assert "roll corrected by 0.15" in str(found)
+    assert found.before_px > 0.3
     assert found.after_px < 0.25  # 0.5 px of the recorded 1280
     floor = pairs.floor()
     assert floor.height_m == pytest.approx(2.706, abs=0.02)
@@ -181,6 +192,7 @@ def test_overhead_pair_is_corrected_by_its_own_matches(shared_data):
 def test_overhead_videos_are_read_whole(shared_data):
     recording = open_recording(shared_data / "overhead-stereo")
     count = sum(1 for _ in recording)
-    assert count == recording.n_frames == 330 and recording.skipped == []
+    assert count == recording.n_frames == 330
+    assert recording.skipped == []
     assert recording.sensor.rig.left.size == (1280, 800)
     assert Rectifier(recording.sensor.rig).geometry.baseline_m == pytest.approx(0.0738, abs=1e-4)

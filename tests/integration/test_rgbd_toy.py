@@ -89,7 +89,8 @@ def test_person_is_tracked_from_depth_alone(engine):
 def test_run_names_the_depth_sensor(recording, tmp_path, succeed):
     succeed("run", recording, "--out", tmp_path / "out", "--frames", EMPTY + 8, "--rrd")
     text = (tmp_path / "out" / "run.json").read_text()
-    assert '"depth_sensor": "structured-light"' in text and '"baseline_m": null' in text
+    assert '"depth_sensor": "structured-light"' in text
+    assert '"baseline_m": null' in text
     with (tmp_path / "out" / "tracks.csv").open() as file:
         assert any(row["state"] == "confirmed" for row in csv.DictReader(file))
     assert (tmp_path / "out" / "run.rrd").stat().st_size > 0
@@ -107,4 +108,5 @@ def test_wrong_scale_is_refused_with_its_likely_cause(recording, tmp_path, cli):
     calibration = copy / "camera.json"
     calibration.write_text(calibration.read_text().replace("{", '{"depth_scale": 10, ', 1))
     status, text = cli("run", copy, "--out", tmp_path / "out")
-    assert status == 1 and "depth counts 1000 values per metre, the floor is 2.5" in text
+    assert status == 1
+    assert "depth counts 1000 values per metre, the floor is 2.5" in text

@@ -55,13 +55,16 @@ def test_nothing_half_written_is_left(folder):
 
 def test_report_needs_no_other_file(folder):
     page = (folder / "report.html").read_text()
-    assert page.rstrip().endswith("</html>") and 'src="http' not in page and 'href="http' not in page
+    assert page.rstrip().endswith("</html>")
+    assert 'src="http' not in page
+    assert 'href="http' not in page
 
 
 def test_the_walker_is_tracked_once_where_he_is(folder):
     tracks = read_tracks(folder / "tracks.csv")
     sure = tracks.where(tracks.state == "confirmed")
-    assert set(sure.track_id) == {1} and len(sure) > FRAMES - EMPTY - 12
+    assert set(sure.track_id) == {1}
+    assert len(sure) > FRAMES - EMPTY - 12
     truth = np.array([(walking(int(f) - EMPTY)[0].x_m, walking(int(f) - EMPTY)[0].y_m) for f in sure.frame])
     assert np.median(np.hypot(sure.x_m - truth[:, 0], sure.y_m - truth[:, 1])) < 0.15
     assert np.median(sure.height_m) == pytest.approx(1.75, abs=0.06)
@@ -69,7 +72,8 @@ def test_the_walker_is_tracked_once_where_he_is(folder):
 
 def test_run_json_says_what_was_done(folder, recording):
     info = json.loads((folder / "run.json").read_text())
-    assert info["input"] == str(recording) and info["finished"] is True
+    assert info["input"] == str(recording)
+    assert info["finished"] is True
     assert (info["frames_read"], info["frames_skipped"], info["people"]) == (FRAMES, 0, 1)
     assert info["config"]["analysis"]["setup_frames"] == 4
     assert {"planview", "python", "numpy"} <= info["versions"].keys()
@@ -89,7 +93,8 @@ def test_events_name_the_crossing(folder):
 def test_decisions_have_reasons_from_birth_on(folder):
     with (folder / "decisions.csv").open() as file:
         decisions = list(csv.DictReader(file))
-    assert decisions[0]["kind"] == "spawned" and all(decision["reason"] for decision in decisions)
+    assert decisions[0]["kind"] == "spawned"
+    assert all(decision["reason"] for decision in decisions)
     assert "confirmed" in {decision["kind"] for decision in decisions}
 
 
@@ -107,7 +112,8 @@ def test_overwriting_leaves_foreign_files_alone(succeed, copy, tmp_path):
     run_few(succeed, copy, out, "--frames", "2")
     (out / "notes.txt").write_text("mine")
     run_few(succeed, copy, out, "--frames", "3", "--overwrite")
-    assert (out / "notes.txt").read_text() == "mine" and read_run_info(out / "run.json").frames_read == 3
+    assert (out / "notes.txt").read_text() == "mine"
+    assert read_run_info(out / "run.json").frames_read == 3
 
 
 def test_colour_is_tracked_like_grey(pairs, engine, tmp_path):

@@ -62,10 +62,12 @@ def test_every_way_to_count_gives_the_same_counts(words, tmp_path, succeed, json
     succeed("run", words[0], "--out", out, *words[1:], "--rules", rules)
     info = read_run_info(out / "run.json")
     live = info.counts
-    assert info.size_px == (width, height) and (info.plane == "floor") == (RunFolder(out).camera is not None)
+    assert info.size_px == (width, height)
+    assert (info.plane == "floor") == (RunFolder(out).camera is not None)
     assert sum(rule["people"] for rule in live["rules"].values()) >= 1
     again = json_of("count", out, "--rules", rules)
-    assert _same(again, live) and _same(json.loads((out / "counts.json").read_text()), live)
+    assert _same(again, live)
+    assert _same(json.loads((out / "counts.json").read_text()), live)
     counted = json.loads(json.dumps(planview.count(str(out), str(rules)).to_json()))
     assert _same({name: counted[name] for name in live}, live)
 
@@ -87,7 +89,9 @@ def test_count_says_what_it_replaces(tmp_path, cli):
     (tmp_path / "rules.toml").write_text('[[tripwire]]\nname = "door"\nfrom_m = [0, 0]\nto_m = [0, 4]\n')
     _, first = cli("count", tmp_path, "--rules", tmp_path / "rules.toml")
     _, second = cli("count", tmp_path, "--rules", tmp_path / "rules.toml")
-    assert "replaced" not in first and "replaced" in second and "events.csv" in second
+    assert "replaced" not in first
+    assert "replaced" in second
+    assert "events.csv" in second
 
 
 def test_line_in_pixels_whose_image_size_is_not_known_is_told(tmp_path, cli):
@@ -104,7 +108,8 @@ def test_python_takes_tables_of_pandas(tmp_path):
     frame = pandas.DataFrame(rows, columns=["frame", "timestamp_s", "id", "x_m", "y_m"])
     (tmp_path / "rules.toml").write_text('[[tripwire]]\nname = "door"\nfrom_m = [0, 0]\nto_m = [0, 4]\n')
     counts = planview.count(frame, str(tmp_path / "rules.toml"))
-    assert counts.to_dataframe().people.tolist() == [1] and len(counts.value.events) == 1
+    assert counts.to_dataframe().people.tolist() == [1]
+    assert len(counts.value.events) == 1
     scores = planview.evaluate(frame, frame)
     assert scores.clear.mota == 1.0
     assert all(len(repr(value)) <= 200 for value in (scores, planview.Trajectories.from_dataframe(frame)))

@@ -40,11 +40,13 @@ def test_frames_that_cannot_be_used_are_bridged(succeed, copy, tmp_path):
     out = tmp_path / "out"
     printed = run_few(succeed, copy, out)
     info = read_run_info(out / "run.json")
-    assert [skipped.index for skipped in info.skipped] == [24, 25, 26] and info.frames_read == FRAMES - 3
+    assert [skipped.index for skipped in info.skipped] == [24, 25, 26]
+    assert info.frames_read == FRAMES - 3
     assert "3 skipped" in " ".join(printed.split())
     tracks = read_tracks(out / "tracks.csv")
     confirmed = tracks.where(tracks.state == "confirmed")
-    assert set(confirmed.track_id) == {1} and not set(tracks.frame) & {24, 25, 26}
+    assert set(confirmed.track_id) == {1}
+    assert not set(tracks.frame) & {24, 25, 26}
     assert tracks.frame.max() == FRAMES - 1
     after = tracks.where(tracks.frame == 27)
     assert after.timestamp_s[0] == pytest.approx(27 / 15, abs=1e-3)
@@ -82,7 +84,8 @@ def compressed(image: U8) -> U8:
 def test_images_without_a_floor_are_a_failure_told_in_one_sentence(refused, pairs, tmp_path, images, named):
     recording = write_toy_recording(tmp_path / "recording", toy_rig(), images(pairs))
     sentence = refused("run", recording, "--out", tmp_path / "out", "--set", FEW, status=1)
-    assert named in sentence and "--out pictures draws its rows, depth and floor" in sentence
+    assert named in sentence
+    assert "--out pictures draws its rows, depth and floor" in sentence
     assert not (tmp_path / "out").exists()
 
 
@@ -124,7 +127,8 @@ def test_tracks_end_with_a_whole_frame_when_the_disk_fills_up(refused, copy, tmp
     assert "no space left on the disk" in refused("run", copy, "--out", out, "--set", FEW, status=1)
     assert (out / "tracks.csv").read_bytes().endswith(b"\n")
     tracks = read_tracks(out / "tracks.csv")
-    assert 5 < len(tracks) < FRAMES - EMPTY and not read_run_info(out / "run.json").finished
+    assert 5 < len(tracks) < FRAMES - EMPTY
+    assert not read_run_info(out / "run.json").finished
     assert not (out / "report.html").exists()
 
 
@@ -175,7 +179,8 @@ def test_rerun_that_cannot_write_is_not_waited_for(engine, tmp_path, monkeypatch
         log.mark()
     del log
     gc.collect()
-    assert unregistered and stream() is not None
+    assert unregistered
+    assert stream() is not None
 
 
 @pytest.mark.parametrize("room", [30_000, 300_000])
@@ -190,7 +195,8 @@ def test_rerun_without_room_ends_the_run_in_a_sentence(engine, copy, tmp_path, r
     assert output.returncode == 1 and re.search(r"run\.rrd.*cannot be written", one_sentence(output.stderr)), (
         output.stderr
     )
-    assert len(read_tracks(out / "tracks.csv")) and not read_run_info(out / "run.json").finished
+    assert len(read_tracks(out / "tracks.csv"))
+    assert not read_run_info(out / "run.json").finished
 
 
 # Interruption
@@ -213,10 +219,14 @@ def test_interruption_leaves_valid_files(recording, tmp_path):
         time.sleep(0.1)
     process.send_signal(signal.SIGINT)
     _, output = process.communicate(timeout=60)
-    assert process.returncode == 130 and one_sentence(output) == "planview: interrupted"
+    assert process.returncode == 130
+    assert one_sentence(output) == "planview: interrupted"
     info = read_run_info(out / "run.json")
-    assert not info.finished and 0 < info.frames_read < FRAMES
+    assert not info.finished
+    assert 0 < info.frames_read < FRAMES
     tracks = read_tracks(out / "tracks.csv")
-    assert len(tracks) >= 3 and tracks.frame.max() < FRAMES - 1 and not (out / "report.html").exists()
+    assert len(tracks) >= 3
+    assert tracks.frame.max() < FRAMES - 1
+    assert not (out / "report.html").exists()
     assert (out / "checkpoint.npz").is_file()
     assert is_whole(out / "run.rrd")

@@ -112,7 +112,8 @@ def test_a_person_seen_by_two_sensors_is_one_person(succeed, sensors, engine, tm
     sure = tracks.where(tracks.state == "confirmed")
     known = [alone[key] for key in zip(sure.frame, sure.track_id, strict=True)]
     apart = np.hypot(sure.x_m - [track.x_m for track in known], sure.y_m - [track.y_m for track in known])
-    assert np.median(apart) < 0.03 and apart.max() < 0.06
+    assert np.median(apart) < 0.03
+    assert apart.max() < 0.06
 
 
 def test_a_rig_without_a_frame_is_left_out_of_that_moment(sensors, engine):
@@ -120,11 +121,16 @@ def test_a_rig_without_a_frame_is_left_out_of_that_moment(sensors, engine):
     frames = [frame for frame, _ in zip(together.recording, range(EMPTY + 6), strict=False)]
     for frame in frames[:-2]:
         both = together.step(frame)
-    assert both.tracks and all(view.depth for view in both.views)
+    assert both.tracks
+    assert all(view.depth for view in both.views)
     left = together.step(replace(frames[-2], shots=(frames[-2].shots[0], None)))
-    assert left.views[1].depth is None and left.depth is not None and not left.views[1].shows
+    assert left.views[1].depth is None
+    assert left.depth is not None
+    assert not left.views[1].shows
     right = together.step(replace(frames[-1], shots=(None, frames[-1].shots[1])))
-    assert right.depth is None and not right.views[0].shows and right.views[1].shows
+    assert right.depth is None
+    assert not right.views[0].shows
+    assert right.views[1].shows
     assert [t.track_id for t in right.tracks] == [t.track_id for t in both.tracks]
     assert not math.isnan(right.tracks[0].box_px[0])
 
@@ -200,7 +206,8 @@ def test_run_tracks_the_boxes_of_a_file(video, tmp_path, succeed, json_of, refus
     words = ["--detections", tmp_path / "det.txt", "--calibration", tmp_path / "camera.toml", "--out", out]
     succeed("run", video, *words)
     info = read_run_info(out / "run.json")
-    assert (info.tracker, info.people) == ("detections", 1) and "det.txt" in info.notes[-1]
+    assert (info.tracker, info.people) == ("detections", 1)
+    assert "det.txt" in info.notes[-1]
     scored = ["evaluate", out / "tracks.csv", tmp_path / "truth.csv"]
     assert json_of(*scored)["idf1"] > 0.5
     refused(*scored, "--boxes")
@@ -244,19 +251,25 @@ def test_run_of_two_folders_tracks_what_their_common_folder_gives(two, out, reco
     succeed("run", left, right, "--calibration", rig, "--fps", 30, "--out", tmp_path / "two", "--set", FEW)
     run_few(succeed, recording, tmp_path / "one", "--fps", 30)
     tracks = [(folder / "tracks.csv").read_bytes() for folder in (tmp_path / "two", tmp_path / "one")]
-    assert tracks[0] == tracks[1] and tracks[0].count(b"\n") > 10
+    assert tracks[0] == tracks[1]
+    assert tracks[0].count(b"\n") > 10
 
 
 @pytest.mark.parametrize(("command", "printed"), [("render", "a.png"), ("replay", "tracked from")])
 def test_both_paths_are_read_again(out, cli, tmp_path, command, printed):
     status, output = cli(command, out, "--frame", 20, "--out", tmp_path / "a.png")
-    assert status == 0 and printed in output and "only the floor" not in output and (tmp_path / "a.png").is_file()
+    assert status == 0
+    assert printed in output
+    assert "only the floor" not in output
+    assert (tmp_path / "a.png").is_file()
 
 
 def test_check_takes_two_paths(two, json_of):
     left, right, rig = two
     found = json_of("check", left, right, "--quick", "--calibration", rig, "--fps", 15)
-    assert found["kind"] == "stereo" and found["frames"] == 36 and found["missing"] == []
+    assert found["kind"] == "stereo"
+    assert found["frames"] == 36
+    assert found["missing"] == []
 
 
 def test_two_videos_are_the_pair_of_their_folder(tmp_path):
@@ -264,7 +277,8 @@ def test_two_videos_are_the_pair_of_their_folder(tmp_path):
     folder = video_pair(tmp_path / "pair", (6, 6))
     frames = [frame.image for frame in open_recording(folder)]
     found = [frame.image for frame in open_recording(folder / "left.avi", OpenOptions(right=folder / "right.avi"))]
-    assert len(found) == len(frames) and all((a == b).all() for a, b in zip(found, frames, strict=True))
+    assert len(found) == len(frames)
+    assert all((a == b).all() for a, b in zip(found, frames, strict=True))
 
 
 def test_a_second_path_with_nothing_there_is_named(two, refused):

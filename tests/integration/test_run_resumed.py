@@ -276,7 +276,8 @@ def test_what_a_kill_after_the_last_frame_left_undone_is_done(succeed, copy, tmp
         (out / "refinement.csv").unlink()
     assert "nothing is left" not in succeed(*words, "--resume")
     found = contents(out)
-    assert found.keys() == whole.keys() and found["tracks.csv"] == whole["tracks.csv"]
+    assert found.keys() == whole.keys()
+    assert found["tracks.csv"] == whole["tracks.csv"]
     assert "nothing is left to resume" in succeed(*words, "--resume")
 
 
@@ -295,7 +296,8 @@ def test_a_run_that_was_killed_before_it_was_refined_is_refined(succeed, copy, t
     run_few(succeed, copy, out)
     words = ("run", copy, "--out", out, "--set", FEW, "--resume", "--refine")
     assert "nothing is left" not in succeed(*words)
-    assert read_run_info(out / "run.json").refined and (out / "tracks_online.csv").is_file()
+    assert read_run_info(out / "run.json").refined
+    assert (out / "tracks_online.csv").is_file()
     assert "nothing is left to resume" in succeed(*words)
 
 

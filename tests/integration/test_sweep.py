@@ -72,7 +72,8 @@ def test_study_does_no_run_twice(succeed, halls):
     assert made(out) == first
     study(halls, text.format(0.45))
     succeed("sweep", path)
-    assert len(made(out)) == 3 and made(out).items() > first.items()
+    assert len(made(out)) == 3
+    assert made(out).items() > first.items()
     assert [(r["joint.stay_s"], r["state"]) for r in rows(out)] == [("0.35", "done"), ("0.45", "done")]
 
 
@@ -125,7 +126,8 @@ def test_json_has_every_run_with_its_figures(halls, json_of):
     path = study(halls, 'recordings = ["a/maps.h5"]\n')
     found = json_of("sweep", path)
     (only,) = found["runs"]
-    assert found["failed"] == 0 and only["error"] is None
+    assert found["failed"] == 0
+    assert only["error"] is None
     assert only["mota"] == pytest.approx(float(rows(halls / "study")[0]["mota"]), rel=1e-5)
 
 

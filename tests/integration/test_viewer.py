@@ -48,7 +48,8 @@ def test_a_viewer_receives_people_of_every_frame(engine, tmp_path):
         os.killpg(program.pid, signal.SIGTERM)  # and the program that it started
         program.wait()
     printed = subprocess.run([RERUN, "rrd", "print", file], capture_output=True, text=True, timeout=60).stdout
-    assert "/world/people" in printed and "/image/left" in printed
+    assert "/world/people" in printed
+    assert "/image/left" in printed
 
 
 def test_a_run_goes_on_without_a_viewer_that_was_closed(engine):

@@ -56,7 +56,8 @@ def test_counts_of_a_part_are_enlarged_to_the_whole_board(given, larger):
 def test_no_board_is_found_where_there_is_none():
     noise = np.random.default_rng(0).integers(0, 255, (120, 160)).astype(np.uint8)
     blank = np.full((120, 160), 90, np.uint8)
-    assert find_counts([blank, noise]) is None and Detector(Board(7, 5, 0.03))(blank) is None
+    assert find_counts([blank, noise]) is None
+    assert Detector(Board(7, 5, 0.03))(blank) is None
 
 
 @pytest.mark.parametrize(("cols", "rows", "quarters"), [(7, 5, 2), (4, 4, 1)])
@@ -79,7 +80,8 @@ def test_charuco_corners_carry_their_ids_when_half_of_the_board_is_hidden():
     whole = Detector(board)(image)
     image[:, 400:] = 255
     part = Detector(board)(image)
-    assert len(whole.ids) == 24 and 8 <= len(part.ids) < 24
+    assert len(whole.ids) == 24
+    assert 8 <= len(part.ids) < 24
     both = dict(zip(whole.ids.tolist(), whole.pixels, strict=True))
     assert max(np.abs(both[int(i)] - p).max() for i, p in zip(part.ids, part.pixels, strict=True)) < 0.5
 
@@ -90,7 +92,8 @@ def test_dictionary_of_a_charuco_board_is_found():
     opened = Board(6, 4, 0.04, "DICT_4X4_50", 0.03)
     found = complete_charuco(opened, [image], any_dictionary=True, any_marker=True)
     # Smaller dictionaries of a family begin with the same markers.
-    assert found.dictionary.startswith("DICT_6X6_") and Detector(found)(image) is not None
+    assert found.dictionary.startswith("DICT_6X6_")
+    assert Detector(found)(image) is not None
     assert (found.cols, found.rows) == (board.cols, board.rows)
 
 
@@ -108,7 +111,8 @@ def test_selection_prefers_sharp_views_that_differ():
     views = [different[0]] * 20 + different[1:]
     sharp = [1.0] * 28 + [0.2]
     taken = select_views(views, Board(7, 5, 0.04).points, sharp, rig.left.size, limit=9)
-    assert 28 not in taken and set(range(20, 28)) <= set(taken)
+    assert 28 not in taken
+    assert set(range(20, 28)) <= set(taken)
 
 
 BOARD = Board(7, 5, 0.04)
@@ -124,7 +128,8 @@ def views_of(lens: str = "brown", n: int = 20, noise_px: float = 0.2, seed: int 
 def test_exact_corners_give_the_exact_rig():
     truth, views = views_of(n=8, noise_px=0.0)
     found = solve_board(views, BOARD, SIZE, model="brown")
-    assert max(calibration_errors(truth, found.rig)) < 1e-3 and found.fit.rms_px < 1e-4
+    assert max(calibration_errors(truth, found.rig)) < 1e-3
+    assert found.fit.rms_px < 1e-4
 
 
 @pytest.mark.parametrize(("lens", "seed"), [("brown", 1), ("brown", 3), ("fisheye", 2)])
@@ -132,7 +137,9 @@ def test_noisy_corners_give_the_rig_within_its_deviations(lens, seed):
     truth, views = views_of(lens, 24, seed=seed)
     found = solve_board(views, BOARD, SIZE, model="fisheye" if lens == "fisheye" else "brown")
     focal, baseline, turn_deg = calibration_errors(truth, found.rig)
-    assert focal < 0.2 and baseline < 0.3 and turn_deg < 0.05
+    assert focal < 0.2
+    assert baseline < 0.3
+    assert turn_deg < 0.05
     assert abs(found.rig.left.fx - truth.left.fx) < 4 * found.std["left fx"] < 0.008 * truth.left.fx
     assert abs(found.rig.baseline_m - truth.baseline_m) < 4 * found.std["baseline"]
 
@@ -143,7 +150,8 @@ def test_lens_is_chosen_by_views_left_out():
     assert choose_lens(found.lenses).lens.model == found.rig.left.model == "fisheye"
     # A lens that fits far worse than the best is not judged on other views, and not listed.
     names = {one.name for one in found.lenses}
-    assert "fisheye (k1-k4)" in names and "brown (k1 k2 p1 p2)" not in names
+    assert "fisheye (k1-k4)" in names
+    assert "brown (k1 k2 p1 p2)" not in names
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -157,7 +165,8 @@ def test_view_with_wrong_corners_is_left_out():
     views[4] = replace(views[4], right=views[4].right + np.array([6.0, -4.0]))
     found = solve_board(views, BOARD, SIZE, model="brown")
     assert [one.name for one in found.rejected] == ["view 04"]
-    assert "times the median" in found.rejected[0].why and calibration_errors(truth, found.rig)[1] < 0.3
+    assert "times the median" in found.rejected[0].why
+    assert calibration_errors(truth, found.rig)[1] < 0.3
 
 
 def test_too_few_pairs_are_refused():
@@ -230,4 +239,5 @@ def test_fisheye_boards_of_which_parts_are_hidden_give_the_rig():
     truth, views = views_of("fisheye", 12, seed=2)
     views[3] = BoardView("part", views[3].ids[7:], views[3].left[7:], views[3].right[7:])
     found = solve_board(views, BOARD, SIZE, model="fisheye")
-    assert len(found.views[3].ids) == 28 and calibration_errors(truth, found.rig)[1] < 0.3
+    assert len(found.views[3].ids) == 28
+    assert calibration_errors(truth, found.rig)[1] < 0.3

@@ -39,7 +39,8 @@ def test_camera_has_no_ray_for_a_pixel_beyond_where_its_lens_turns_back():
     # r - 0.3 r^3 has its maximum 0.7027 at r = 1.054: nothing is imaged further out than 351 px.
     camera = Camera(1000, 480, 500.0, 500.0, 500.0, 240.0, "brown", (-0.3, 0.0, 0.0, 0.0))
     rays = camera.unproject([[500.0 + 340.0, 240.0], [500.0 + 360.0, 240.0]])
-    assert np.isfinite(rays[0]).all() and np.isnan(rays[1, :2]).all()
+    assert np.isfinite(rays[0]).all()
+    assert np.isnan(rays[1, :2]).all()
 
 
 def test_camera_projects_points_behind_it_to_nan():
@@ -78,7 +79,8 @@ def test_pose_after_its_inverse_is_the_identity():
 def test_world_follows_the_view_of_the_camera(normal, height_m, tilt_deg, points):
     floor = Floor(world_from_plane(np.array(normal), height_m))
     np.testing.assert_allclose(floor.world_SE3_left @ list(points), list(points.values()), atol=1e-12)
-    assert np.degrees(floor.tilt_rad) == pytest.approx(tilt_deg) and floor.height_m == pytest.approx(height_m)
+    assert np.degrees(floor.tilt_rad) == pytest.approx(tilt_deg)
+    assert floor.height_m == pytest.approx(height_m)
 
 
 def test_roll_turns_the_image_clockwise_about_its_centre():
@@ -136,9 +138,8 @@ def test_deviations_of_a_camera_grow_with_the_distance_of_a_place(tmp_path):
     camera = GroundCamera(640, 480, 500.0, 4.0, 1.0, std=std)
     save_ground_camera(camera, tmp_path / "camera.toml")
     again = load_ground_camera(tmp_path / "camera.toml")
-    assert again.std == std and std.sentence.endswith(
-        "to 2% of their distance relative to each other, to 10% from the camera"
-    )
+    assert again.std == std
+    assert std.sentence.endswith("to 2% of their distance relative to each other, to 10% from the camera")
     assert again.std_m(6.0, 8.0) == pytest.approx(1.0 / math.sqrt(2))
 
 
@@ -247,7 +248,8 @@ def test_tsai_camera_is_the_same_camera_above_the_floor_at_the_size_of_the_image
     assert holds_one_camera(path)
     found = load_one_camera(path, (384, 288))
     assert (found.size, found.lens) == ((384, 288), "pinhole")
-    assert found.height_m == pytest.approx(7.0) and found.focal_px == pytest.approx(550.0, rel=1e-3)
+    assert found.height_m == pytest.approx(7.0)
+    assert found.focal_px == pytest.approx(550.0, rel=1e-3)
     assert math.degrees(found.tilt_rad) == pytest.approx(70.0, abs=0.05)
     with pytest.raises(InputError, match="768x576"):
         load_one_camera(path, (640, 360))

@@ -55,7 +55,8 @@ def test_value_comes_back_with_its_type(value):
 def test_state_is_json_apart_from_its_arrays():
     arrays = []
     json.dumps(Room().state(), default=lambda value: arrays.append(value))
-    assert len(arrays) == 3 and all(isinstance(array, np.ndarray) for array in arrays)
+    assert len(arrays) == 3
+    assert all(isinstance(array, np.ndarray) for array in arrays)
 
 
 @pytest.mark.parametrize("value", [Somebody("Ann"), lambda: 1, np.array([object()]), print])
@@ -69,8 +70,10 @@ def test_records_come_back_as_their_classes():
     room.people, room.guest = {}, (Somebody("Cy"), 0.0)
     room.set_state(Room().state())
     ann, bo = room.people[1], room.people[2]
-    assert isinstance(ann.place, Place) and ann.place.at_m.tolist() == [1.0, 2.0]
-    assert isinstance(ann.met[0][0], Place) and ann.met[0][1] == 7
+    assert isinstance(ann.place, Place)
+    assert ann.place.at_m.tolist() == [1.0, 2.0]
+    assert isinstance(ann.met[0][0], Place)
+    assert ann.met[0][1] == 7
     assert (bo.name, bo.place, bo.met) == ("Bo", None, [])
 
 
@@ -87,7 +90,8 @@ def test_state_is_a_copy_both_ways():
         room.lights.lit["door"] += 1.0
         room.people[1].met.clear()
         room.set_state(state)
-        assert room.lights.lit["door"].tolist() == [0.0, 0.0] and len(room.people[1].met) == 1
+        assert room.lights.lit["door"].tolist() == [0.0, 0.0]
+        assert len(room.people[1].met) == 1
 
 
 def test_random_generator_goes_on_with_the_same_numbers():

@@ -102,7 +102,8 @@ def test_known_floor_is_found_only_where_it_was():
 def test_wall_before_which_people_walk_is_no_floor_seen_from_above():
     clouds = room(pose_of(80, 1.8), (WALL, 5.5)).clouds(6, people=False)
     floor = found(clouds)
-    assert floor.height_m == pytest.approx(5.5, abs=0.2) and "a wall in front of a level camera" in floor.doubt
+    assert floor.height_m == pytest.approx(5.5, abs=0.2)
+    assert "a wall in front of a level camera" in floor.doubt
     with pytest.raises(WorkError, match="higher than people"):
         found(clouds, moved=[PERSON])
 
@@ -178,10 +179,13 @@ def test_thing_carried_across_a_straight_view_leaves_a_doubt():
 def test_floor_of_a_level_camera_is_found_where_people_walk_before_the_wall(tilt_deg):
     clouds = room(pose_of(tilt_deg, 1.3), (FLOOR, 0.0), (WALL, 6.0)).clouds(6, people=False)
     floor = found(clouds, moved=[PERSON])
-    assert floor.height_m == pytest.approx(1.3, abs=0.03) and floor.inlier_fraction < 0.35
-    assert math.degrees(floor.tilt_rad) == pytest.approx(tilt_deg, abs=0.3) and not floor.doubt
+    assert floor.height_m == pytest.approx(1.3, abs=0.03)
+    assert floor.inlier_fraction < 0.35
+    assert math.degrees(floor.tilt_rad) == pytest.approx(tilt_deg, abs=0.3)
+    assert not floor.doubt
     alone = found(clouds)
-    assert alone.height_m == pytest.approx(1.3, abs=0.03) and "another plane would be the floor 6.0" in alone.doubt
+    assert alone.height_m == pytest.approx(1.3, abs=0.03)
+    assert "another plane would be the floor 6.0" in alone.doubt
 
 
 def test_refusal_holds_the_world_that_accepts_the_best_plane(tmp_path):
@@ -193,7 +197,8 @@ def test_refusal_holds_the_world_that_accepts_the_best_plane(tmp_path):
 
 def test_floor_is_known_to_two_centimetres():
     floor = found(room(pose_of(45, 3.0)).clouds())
-    assert 0 < math.sqrt(floor.covariance[0, 0]) < 0.02 and floor.residual_m < 0.1
+    assert 0 < math.sqrt(floor.covariance[0, 0]) < 0.02
+    assert floor.residual_m < 0.1
 
 
 def test_floor_has_the_extent_that_is_seen():
@@ -249,7 +254,8 @@ def test_floor_from_three_points_is_their_plane():
     pose = pose_of(40, 2.5, -3.0)
     points = pose.inverse() @ np.array([[0.0, 1.0, 0.0], [1.0, 3.0, 0.0], [-1.0, 4.0, 0.0]])
     floor = floor_from_points(points)
-    assert floor.height_m == pytest.approx(2.5) and math.degrees(floor.roll_rad) == pytest.approx(-3.0)
+    assert floor.height_m == pytest.approx(2.5)
+    assert math.degrees(floor.roll_rad) == pytest.approx(-3.0)
 
 
 @pytest.mark.parametrize(
@@ -326,7 +332,8 @@ def test_narrow_floor_of_a_level_camera_is_found_below_a_larger_ceiling(people):
     measured = np.isfinite(room.depth)
     assert 0.02 < float(np.mean((room.world[:, 2] * room.depth)[measured] < -0.99)) < 0.12
     floor = found(room.clouds(people=people))
-    assert floor.height_m == pytest.approx(1.0, abs=0.05) and floor.tilt_rad == pytest.approx(math.pi / 2, abs=0.03)
+    assert floor.height_m == pytest.approx(1.0, abs=0.05)
+    assert floor.tilt_rad == pytest.approx(math.pi / 2, abs=0.03)
 
 
 @pytest.mark.parametrize("tilt_deg", [96.0, 99.0])

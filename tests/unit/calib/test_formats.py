@@ -41,7 +41,8 @@ def opencv_pair(folder: Path, header: str = "%YAML:1.0\n---\n", last: str = "0."
 )
 def test_opencv_headers_of_every_style_are_read(header, tmp_path):
     rig = load_rig(opencv_pair(tmp_path, header), (640, 480))
-    assert rig.baseline_m == pytest.approx(0.1) and rig.left.distortion == (-0.1, 0.01, 0.0, 0.0)
+    assert rig.baseline_m == pytest.approx(0.1)
+    assert rig.left.distortion == (-0.1, 0.01, 0.0, 0.0)
 
 
 def named(names: str) -> dict[str, object]:
@@ -62,14 +63,16 @@ def test_arrays_are_refused_with_the_way_out_that_is_read(tmp_path):
 def test_size_of_a_calibration_is_scaled_to_the_same_aspect_alone(tmp_path):
     write_rig(RIG, tmp_path / "rig.toml")
     rig = load_rig(tmp_path, (320, 240))
-    assert rig.left.fx == pytest.approx(250.0) and "scaled from 640x480 to 320x240" in rig.source
+    assert rig.left.fx == pytest.approx(250.0)
+    assert "scaled from 640x480 to 320x240" in rig.source
     with pytest.raises(InputError, match="640x360"):
         load_rig(tmp_path, (640, 360))
 
 
 def test_size_that_a_file_lacks_is_taken_from_the_principal_point_with_a_note(tmp_path):
     rig = load_rig(opencv_pair(tmp_path))
-    assert rig.left.size == (640, 480) and "taken from the principal points" in rig.source
+    assert rig.left.size == (640, 480)
+    assert "taken from the principal points" in rig.source
 
 
 def test_keys_of_tutorials_are_read(tmp_path):
@@ -144,7 +147,8 @@ def test_projections_of_rectified_images_alone_are_a_calibration(suffix, tmp_pat
     storage.release()
     rig = load_rig(tmp_path)
     assert (rig.left.fx, rig.left.cx, rig.left.size) == (450.0, 320.0, (640, 480))
-    assert rig.baseline_m == pytest.approx(0.12) and "rectified images" in rig.source
+    assert rig.baseline_m == pytest.approx(0.12)
+    assert "rectified images" in rig.source
 
 
 @pytest.mark.parametrize(
@@ -220,7 +224,8 @@ def test_zed_resolution_follows_the_images(tmp_path):
 def test_zed_lens_with_k1_to_k4_alone_is_a_fisheye(tmp_path):
     camera = "fx=700\nfy=700\ncx=640\ncy=360\nk1=-0.04\nk2=0.03\nk3=-0.02\nk4=0.01\n"
     rig = load_rig(zed(tmp_path / "SN1.conf", HD=camera))
-    assert rig.left.model == "fisheye" and rig.left.distortion == (-0.04, 0.03, -0.02, 0.01)
+    assert rig.left.model == "fisheye"
+    assert rig.left.distortion == (-0.04, 0.03, -0.02, 0.01)
 
 
 def test_kitti_rectified_images_get_the_rectified_cameras(tmp_path):
@@ -234,7 +239,8 @@ def test_kitti_rectified_images_get_the_rectified_cameras(tmp_path):
     (tmp_path / "calib_cam_to_cam.txt").write_text("calib_time: 09-Jan-2012 13:57:47\n" + "\n".join(lines))
     raw, rectified = load_rig(tmp_path), load_rig(tmp_path, (1242, 375))
     assert (raw.left.size, raw.left.fx, rectified.left.fx) == ((1392, 512), 960.0, 720.0)
-    assert raw.baseline_m == pytest.approx(0.53) and rectified.baseline_m == pytest.approx(0.53)
+    assert raw.baseline_m == pytest.approx(0.53)
+    assert rectified.baseline_m == pytest.approx(0.53)
 
 
 @pytest.mark.parametrize(
@@ -261,7 +267,8 @@ def test_hostile_files_are_refused_in_one_sentence(content, tmp_path, monkeypatc
     (tmp_path / "f").write_text(content)
     with pytest.raises(InputError, match="expected") as refusal:
         load_rig(tmp_path / "f")
-    assert "\n" not in str(refusal.value) and not (tmp_path / "PWNED").exists()
+    assert "\n" not in str(refusal.value)
+    assert not (tmp_path / "PWNED").exists()
 
 
 @pytest.mark.parametrize(

@@ -110,14 +110,16 @@ def test_failed_writing_leaves_the_file_as_it_was(tmp_path):
     with suppress(ZeroDivisionError), whole_file(tmp_path / "a") as part:
         part.write_text("half")
         part.write_text(str(1 / 0))
-    assert (tmp_path / "a").read_text() == "old" and [file.name for file in tmp_path.iterdir()] == ["a"]
+    assert (tmp_path / "a").read_text() == "old"
+    assert [file.name for file in tmp_path.iterdir()] == ["a"]
 
 
 def test_link_stays_a_link_when_written(tmp_path):
     (tmp_path / "target").write_text("old")
     (tmp_path / "link").symlink_to(tmp_path / "target")
     write_whole(tmp_path / "link", "new")
-    assert (tmp_path / "link").is_symlink() and (tmp_path / "target").read_text() == "new"
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "target").read_text() == "new"
 
 
 def test_device_stays_a_device_when_written():
@@ -185,7 +187,8 @@ def test_message_is_one_printable_line_whose_middle_is_left_out_where_it_is_long
     assert str(InputError("a.toml: found\n\x1b[31m\tä")) == "a.toml: found \\x1b[31m\\tä"
     assert str(WorkError("my  clip: no floor")) == "my  clip: no floor"
     message = str(InputError(f"a.toml: found {'9' * 5000} as a key"))
-    assert len(message) < MESSAGE_MAX and message.startswith("a.toml: found 99")
+    assert len(message) < MESSAGE_MAX
+    assert message.startswith("a.toml: found 99")
     assert message.endswith("9 as a key")
     assert printable("a\x1b[31m\u202eb\n\tä\udcff") == "a\\x1b[31m\\u202eb\n\tä\\udcff"
 

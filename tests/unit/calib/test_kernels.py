@@ -52,7 +52,8 @@ def test_kernel_is_replaced_when_a_constant_of_another_file_is_edited(copy):
     before = kept(copy)
     (copy / "stereo" / "step.py").write_text("STEP = 7\n")
     assert start(copy).stdout == "210 0\n"
-    assert len(kept(copy)) == len(before) == 1 and not set(before) & set(kept(copy))
+    assert len(kept(copy)) == len(before) == 1
+    assert not set(before) & set(kept(copy))
 
 
 def empty(file: Path) -> None:
@@ -92,7 +93,8 @@ def test_kernel_that_cannot_be_saved_runs_with_a_warning(copy):
         toy.write("scaled.dispatcher\nimport shutil\nshutil.rmtree('planview/__pycache__')\n")
         toy.write("open('planview/__pycache__', 'w').close()\n")
     done = start(copy)
-    assert done.stdout == "60 0\n" and "kernels cannot be cached" in done.stderr
+    assert done.stdout == "60 0\n"
+    assert "kernels cannot be cached" in done.stderr
 
 
 def test_kernel_is_not_compiled_again_when_a_file_it_does_not_import_is_edited_or_all_are_moved(copy, tmp_path):
@@ -107,7 +109,8 @@ def test_kernel_runs_uncached_with_one_warning_where_no_folder_can_be_written(co
     with (copy / "planview" / "toy.py").open("a") as toy:
         toy.write("kernel(lambda x: x).dispatcher\n")
     done = start(copy, XDG_CACHE_HOME=str(copy / "planview" / "toy.py"))
-    assert done.stdout == "60 0\n" and done.stderr.count("set NUMBA_CACHE_DIR to a folder that stays") == 1
+    assert done.stdout == "60 0\n"
+    assert done.stderr.count("set NUMBA_CACHE_DIR to a folder that stays") == 1
 
 
 def test_kernel_runs_uncached_with_a_warning_where_numba_has_no_such_cache(monkeypatch):

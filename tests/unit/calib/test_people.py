@@ -37,7 +37,8 @@ def test_model_has_the_sizes_of_the_paper():
 
 def test_scaled_model_keeps_its_proportions():
     half = MODEL.scaled(0.88)
-    assert half.height_m == pytest.approx(0.88) and half.torso_radius_m == pytest.approx(0.105)
+    assert half.height_m == pytest.approx(0.88)
+    assert half.torso_radius_m == pytest.approx(0.105)
 
 
 def test_model_without_a_head_is_refused():
@@ -102,9 +103,12 @@ def coarse_map():
 
 def test_map_covers_the_floor_where_people_would_show(coarse_map):
     horizon = 59.5 - 150.0 / math.tan(math.radians(60))
-    assert coarse_map.foot_px[:, 1].min() > horizon and coarse_map.foot_px[:, 1].max() > 130
-    assert (np.linalg.norm(coarse_map.floor_m, axis=1) <= 60.0).all() and (coarse_map.visibility > 0.05).all()
-    assert coarse_map.entry_at((80.0, horizon - 9.0)) == -1 and coarse_map.visibility.max() == 1.0
+    assert coarse_map.foot_px[:, 1].min() > horizon
+    assert coarse_map.foot_px[:, 1].max() > 130
+    assert (np.linalg.norm(coarse_map.floor_m, axis=1) <= 60.0).all()
+    assert (coarse_map.visibility > 0.05).all()
+    assert coarse_map.entry_at((80.0, horizon - 9.0)) == -1
+    assert coarse_map.visibility.max() == 1.0
 
 
 def test_map_entries_are_the_model_at_the_pixel(coarse_map):
@@ -164,7 +168,8 @@ def test_roll_is_found():
     truth = GroundCamera(640, 480, 600.0, 6.0, math.radians(65), "pinhole", math.radians(3))
     found = calibrate_from_people(standing_people(truth, 12, seed=1), truth.size, truth.lens)
     assert math.degrees(found.camera.roll_rad) == pytest.approx(3.0, abs=0.2)
-    assert found.camera.focal_px == pytest.approx(truth.focal_px, rel=0.02) and found.error < 0.03
+    assert found.camera.focal_px == pytest.approx(truth.focal_px, rel=0.02)
+    assert found.error < 0.03
 
 
 @pytest.mark.parametrize(
@@ -191,7 +196,8 @@ def test_calibration_refuses_boxes_that_no_person_has():
 def test_boxes_alone_are_known_as_such():
     box = HumanSample((100, 50, 40, 120), (120, 50), (120, 170)).row()
     marked = HumanSample((100, 50, 40, 120), (112, 53), (126, 166)).row()
-    assert only_boxes(np.stack([box, box])) and not only_boxes(np.stack([box, marked]))
+    assert only_boxes(np.stack([box, box]))
+    assert not only_boxes(np.stack([box, marked]))
 
 
 @pytest.mark.parametrize(
@@ -247,9 +253,11 @@ def test_choice_is_spread_over_the_image_without_the_odd():
     samples = [HumanSample((x, y, 30, h), (x + 15, y), (x + 15, y + h)) for x, y, h in heads]
     samples[40] = HumanSample((20, 50, 30, 40), (35, 50), (35, 90))
     chosen = choose_spread(samples, 9)
-    assert len(chosen) == 9 and samples[40] not in chosen
+    assert len(chosen) == 9
+    assert samples[40] not in chosen
     feet = np.array([s.foot_px for s in chosen])
-    assert np.ptp(feet[:, 0]) > 300 and np.ptp(feet[:, 1]) > 150
+    assert np.ptp(feet[:, 0]) > 300
+    assert np.ptp(feet[:, 1]) > 150
 
 
 STREET = GroundCamera(480, 360, 740.0, 7.0, math.radians(73.5), "pinhole")
@@ -294,7 +302,8 @@ def assess(first: int, last: int) -> Assessment:
 def test_next_sample_lies_where_something_moved(first, last):
     assessment = assess(first, last)
     u, v = assessment.next_sample
-    assert first - 1 <= u < last + 1 and 0 <= v < 360
+    assert first - 1 <= u < last + 1
+    assert 0 <= v < 360
 
 
 def test_no_next_sample_is_proposed_where_nothing_moved():
@@ -318,7 +327,8 @@ def test_odd_sample_changes_little():
     left, top, width, height = people[4].box_px
     people[4] = HumanSample((left, top, width, height / 2), people[4].head_px, (left + width / 2, top + height / 2))
     found = calibrate_from_people(people, STREET.size, "pinhole", known=KnownValues(focal_px=740.0))
-    assert found.odd == (4,) and found.camera.height_m == pytest.approx(7.0, rel=0.04)
+    assert found.odd == (4,)
+    assert found.camera.height_m == pytest.approx(7.0, rel=0.04)
 
 
 SLOPE = GroundCamera(640, 480, 450.0, 3.5, math.radians(65), "pinhole")
@@ -346,4 +356,5 @@ def test_outlines_that_end_too_high_are_within_the_deviation():
         calibrate_from_people(outlines(16, 2.0, 16), SLOPE.size, "pinhole", independent=n) for n in (None, 4)
     )
     off = abs(math.log(found.camera.focal_px / SLOPE.focal_px))
-    assert off < 2.0 * found.std.focal and found.std.focal > by_hand.std.focal
+    assert off < 2.0 * found.std.focal
+    assert found.std.focal > by_hand.std.focal

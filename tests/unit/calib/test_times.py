@@ -25,7 +25,8 @@ def in_bursts(of: int, count: int = 40) -> np.ndarray:
 @pytest.mark.parametrize("of", [2, 5])
 def test_frames_that_arrive_in_bursts_are_spread_from_burst_to_burst(of):
     rate = rate_of_times(in_bursts(of))
-    assert rate.burst == of and rate.fps == pytest.approx(10.0, rel=0.15)
+    assert rate.burst == of
+    assert rate.fps == pytest.approx(10.0, rel=0.15)
     spread, notes = spread_bursts(in_bursts(of), rate)
     assert spread[:30] == pytest.approx(np.arange(30) / 10, abs=0.01)
     assert f"bursts of about {of}" in notes[0]
@@ -43,13 +44,16 @@ def test_frames_that_arrive_in_bursts_are_spread_from_burst_to_burst(of):
 )
 def test_times_without_bursts_are_left(times, note):
     rate = rate_of_times(times)
-    assert rate.burst == 1 and rate.note.startswith(note) and bool(rate.note) == bool(note)
+    assert rate.burst == 1
+    assert rate.note.startswith(note)
+    assert bool(rate.note) == bool(note)
     assert spread_bursts(times, rate)[0] is times
 
 
 def test_times_that_begin_again_run_on():
     times, notes = run_on(np.array([0.0, 0.1, 0.2, 0.3, 0.0, 0.2]), np.array([0, 1, 2, 3, 4, 6]))
-    assert times == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4, 0.6]) and "begin again at frame 4" in notes[0]
+    assert times == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4, 0.6])
+    assert "begin again at frame 4" in notes[0]
 
 
 def test_a_frame_that_is_a_little_late_begins_nothing():
@@ -78,7 +82,8 @@ def test_running_clock_runs_on_where_the_times_do_not():
 )
 def test_odd_times_of_a_table_are_named(times, said):
     found = doubts(np.arange(len(times)), times)
-    assert len(found) == bool(said) and all(sentence.startswith(said) for sentence in found)
+    assert len(found) == bool(said)
+    assert all(sentence.startswith(said) for sentence in found)
 
 
 @pytest.mark.parametrize(

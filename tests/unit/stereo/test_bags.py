@@ -31,8 +31,10 @@ def test_stereo_bag_of_every_storage_gives_the_same_pairs(tmp_path, name, plugin
     )
     frames = list(recording)
     assert [int(f.image[0, 0]) for f in frames] == [10 * i for i in range(COUNT)]
-    assert recording.fps == pytest.approx(10.0) and recording.skipped == []
-    assert recording.sensor.rig.baseline_m == pytest.approx(0.1) and recording.sensor.rig.left.fx == FOCAL
+    assert recording.fps == pytest.approx(10.0)
+    assert recording.skipped == []
+    assert recording.sensor.rig.baseline_m == pytest.approx(0.1)
+    assert recording.sensor.rig.left.fx == FOCAL
     assert [(f.index, int(f.images[1][0, 0])) for f in recording.sample(3)] == [(0, 0), (4, 40), (7, 70)]
 
 
@@ -184,7 +186,8 @@ def test_bag_is_read_whatever_its_metadata_hold(tmp_path, plugin, changed):
     path = stereo_bag(tmp_path / "a", False, plugin)
     before = (path / "metadata.yaml").read_text()
     (path / "metadata.yaml").write_text(changed(before))
-    assert changed(before) != before and find_layout(path)[1].n_frames == COUNT
+    assert changed(before) != before
+    assert find_layout(path)[1].n_frames == COUNT
 
 
 @pytest.mark.parametrize(
@@ -233,7 +236,8 @@ def test_bag_of_the_realsense_sdk_has_its_baseline_from_the_places_of_its_camera
     cameras = {f"Infrared_{i}": (x_m, "Brown Conrady", picture(0), "mono8") for i, x_m in ((1, 0.0), (2, -0.055))}
     recording = open_recording(sdk_bag(tmp_path / "a.bag", None, **cameras))
     assert len(list(recording)) == COUNT
-    assert recording.sensor.rig.baseline_m == pytest.approx(0.055) and recording.sensor.rig.left.fx == FOCAL
+    assert recording.sensor.rig.baseline_m == pytest.approx(0.055)
+    assert recording.sensor.rig.left.fx == FOCAL
 
 
 def test_depth_of_the_realsense_sdk_is_placed_as_the_bag_says(tmp_path):
@@ -241,7 +245,8 @@ def test_depth_of_the_realsense_sdk_is_placed_as_the_bag_says(tmp_path):
     streams = {"Depth_0": (0.0, model, deep, "16UC1"), "Color_0": (0.2, model, picture(0), "mono8")}
     recording = open_any(sdk_bag(tmp_path / "a.bag", 1e-4, **streams))
     (frame, *_) = recording
-    assert np.nanmedian(frame.images[1]) == pytest.approx(2.0) and not recording.notes
+    assert np.nanmedian(frame.images[1]) == pytest.approx(2.0)
+    assert not recording.notes
     # A point 2 m ahead lies 0.2 m * 30 px / 2 m = 3 px farther to the right in the colour image.
     assert np.flatnonzero(np.isnan(frame.images[1][H // 2])).tolist() == [0, 1, 2]
 

@@ -42,7 +42,8 @@ def euroc(folder: Path, listed: bool = True) -> Path:
 def test_euroc_folder_opens_with_the_times_of_its_stamps(tmp_path, listed):
     recording = open_recording(euroc(tmp_path, listed))
     assert [round(f.timestamp_s, 6) for f in recording] == [0.0, 0.05, 0.1, 0.15, 0.2, 0.25]
-    assert recording.fps == pytest.approx(20.0) and recording.sensor.rig.baseline_m == pytest.approx(0.12)
+    assert recording.fps == pytest.approx(20.0)
+    assert recording.sensor.rig.baseline_m == pytest.approx(0.12)
 
 
 def test_euroc_cameras_in_the_wrong_order_are_refused(tmp_path):
@@ -68,7 +69,8 @@ def kitti(folder: Path, suffix: str) -> Path:
 @pytest.mark.parametrize(("suffix", "focal_px", "baseline_m"), [("sync", 25.0, 0.1), ("extract", 30.0, 0.12)])
 def test_kitti_drive_is_rectified_by_its_name(tmp_path, suffix, focal_px, baseline_m):
     recording = open_recording(kitti(tmp_path, suffix))
-    assert recording.sensor.rig.left.fx == focal_px and recording.sensor.rig.baseline_m == pytest.approx(baseline_m)
+    assert recording.sensor.rig.left.fx == focal_px
+    assert recording.sensor.rig.baseline_m == pytest.approx(baseline_m)
     assert [f.timestamp_s for f in recording] == pytest.approx([0.0, 0.1, 0.3])
 
 
@@ -97,7 +99,8 @@ def test_middlebury_pair_is_one_frame(tmp_path):
     (write_images(tmp_path, "im0.png", "im1.png", "im1E.png") / MIDDLEBURY).write_text(CALIBRATIONS[MIDDLEBURY])
     recording = open_recording(tmp_path)
     assert find_reader(tmp_path).key == "middlebury"
-    assert len(list(recording)) == 1 and recording.sensor.rig.baseline_m == pytest.approx(0.12)
+    assert len(list(recording)) == 1
+    assert recording.sensor.rig.baseline_m == pytest.approx(0.12)
 
 
 @pytest.mark.parametrize(
@@ -123,7 +126,8 @@ def test_nanoseconds_in_timestamps_csv_are_recognised(tmp_path):
     folder = folder_recording(tmp_path / "r", COUNT)
     write_times(folder / "timestamps.csv", STAMPS)
     recording = open_recording(folder)
-    assert recording.fps == pytest.approx(20.0) and "taken as ns" in recording.notes[0]
+    assert recording.fps == pytest.approx(20.0)
+    assert "taken as ns" in recording.notes[0]
     even = open_recording(folder, OpenOptions(fps=5.0))
     assert [f.timestamp_s for f in even][:3] == pytest.approx([0.0, 0.2, 0.4])
 
@@ -165,7 +169,9 @@ def test_exif_orientation_turns_an_image_as_a_viewer_does():
     tiff = b"II*\0" + struct.pack("<IHHHIHHI", 8, 1, 0x112, 3, 1, 3, 0, 0)
     exif = b"Exif\0\0" + tiff
     turned = decode_image(data[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + data[2:])
-    assert turned[0, 0] < 20 and turned[-1, -1] > 180 and decode_image(data)[0, 0] > 180
+    assert turned[0, 0] < 20
+    assert turned[-1, -1] > 180
+    assert decode_image(data)[0, 0] > 180
 
 
 LFS = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 727\n"
@@ -221,22 +227,26 @@ def test_frames_pair_with_the_nearest_within_a_quarter_period():
     right = np.delete(EVEN, 6) + np.array([0, 0, 0, 26, 0, 0, 0, 0, 0]) * STEP // 100
     pairs = pair_stamps(EVEN, right)
     frames = list(zip(pairs.left.tolist(), pairs.right.tolist(), strict=True))
-    assert frames[2:5] == [(2, 2), (3, -1), (-1, 3)] and frames[7] == (6, -1)
-    assert pairs.unpaired == 3 and pairs.fps == pytest.approx(10.0)
+    assert frames[2:5] == [(2, 2), (3, -1), (-1, 3)]
+    assert frames[7] == (6, -1)
+    assert pairs.unpaired == 3
+    assert pairs.fps == pytest.approx(10.0)
     assert "3 of 11 frames without a mate within 25.0 ms" in pairs.notes[0]
 
 
 def test_frames_recorded_late_are_put_in_their_place():
     order = [0, 1, 3, 2, 4, 5, 6, 7, 8, 9]
     pairs = pair_stamps(EVEN[order], EVEN)
-    assert pairs.left.tolist() == order and pairs.right.tolist() == list(range(10))
+    assert pairs.left.tolist() == order
+    assert pairs.right.tolist() == list(range(10))
     assert "1 frame of left" in pairs.notes[0]
 
 
 def test_frames_of_repeated_times_are_skipped():
     stamps = EVEN[[0, 1, 2, 3, 3, 5, 6, 7, 8, 9]]
     pairs = pair_stamps(stamps, stamps)
-    assert (pairs.left >= 0).sum() == 9 and np.all(np.diff(pairs.times_s[pairs.left >= 0]) > 0)
+    assert (pairs.left >= 0).sum() == 9
+    assert np.all(np.diff(pairs.times_s[pairs.left >= 0]) > 0)
 
 
 @pytest.mark.parametrize("jump_s", [30 * 86_400, -1_650_000_000])
@@ -244,18 +254,23 @@ def test_clock_that_was_set_runs_on_at_the_nominal_rate(jump_s):
     stamps = EVEN + np.where(np.arange(10) >= 5, jump_s * 10**9, 0)
     pairs = pair_stamps(stamps, stamps)
     np.testing.assert_allclose(pairs.times_s, np.arange(10) * 0.1)
-    assert "days after frame 4" in pairs.notes[0] and pairs.unpaired == 0
+    assert "days after frame 4" in pairs.notes[0]
+    assert pairs.unpaired == 0
 
 
 def test_clocks_that_differ_by_a_constant_or_stand_still_pair_in_order():
     pairs = pair_stamps(EVEN, EVEN + 5 * STEP + STEP // 3)
-    assert pairs.unpaired == 0 and "paired in order" in pairs.notes[0]
+    assert pairs.unpaired == 0
+    assert "paired in order" in pairs.notes[0]
     pairs = pair_stamps(np.zeros(3, np.int64), np.zeros(3, np.int64))
-    assert pairs.left.tolist() == pairs.right.tolist() == [0, 1, 2] and math.isnan(pairs.fps)
+    assert pairs.left.tolist() == pairs.right.tolist() == [0, 1, 2]
+    assert math.isnan(pairs.fps)
 
 
 def test_rate_leaves_out_gaps():
     rate = rate_of_times(np.array([0.0, 0.1, 0.2, 0.5, 0.6, 0.7]))
-    assert rate.fps == pytest.approx(10.0) and rate.jitter_ms == pytest.approx(0.0, abs=1e-9)
-    assert (rate.gaps, rate.dropped) == (1, 2) and rate.longest_gap_s == pytest.approx(0.3)
+    assert rate.fps == pytest.approx(10.0)
+    assert rate.jitter_ms == pytest.approx(0.0, abs=1e-9)
+    assert (rate.gaps, rate.dropped) == (1, 2)
+    assert rate.longest_gap_s == pytest.approx(0.3)
     assert rate_of_times(np.array([1.0])) is None

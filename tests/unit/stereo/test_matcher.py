@@ -43,14 +43,17 @@ def shifted(disparity_px: float, noise: float = 1.0) -> tuple[U8, U8]:
 def test_sub_pixel_disparity_is_not_drawn_to_whole_pixels(disparity):
     found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 32))(*shifted(disparity))
     inner = found[20:-20, 60:-20]
-    assert np.isfinite(inner).mean() > 0.95 and np.nanmean(inner) == pytest.approx(disparity, abs=0.08)
+    assert np.isfinite(inner).mean() > 0.95
+    assert np.nanmean(inner) == pytest.approx(disparity, abs=0.08)
 
 
 @pytest.mark.parametrize("first_px", [0, 5])
 def test_left_band_is_matched_as_far_as_the_right_camera_sees_wherever_the_search_starts(first_px):
     found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(first_px, 64 if not first_px else 32))(*shifted(12.0))
-    assert np.isfinite(found[20:-20, 16:64]).mean() > 0.9 and np.isfinite(found[20:-20, 16:-20]).mean() > 0.9
-    assert not np.isfinite(found[:, :11]).any() and np.nanmedian(found) == pytest.approx(12.0, abs=0.1)
+    assert np.isfinite(found[20:-20, 16:64]).mean() > 0.9
+    assert np.isfinite(found[20:-20, 16:-20]).mean() > 0.9
+    assert not np.isfinite(found[:, :11]).any()
+    assert np.nanmedian(found) == pytest.approx(12.0, abs=0.1)
 
 
 @pytest.mark.parametrize("level", [255, 90], ids=["saturated", "without texture"])
@@ -78,14 +81,16 @@ def test_pixels_that_are_masked_or_whose_match_is_have_no_disparity(side, seen):
     mask = np.full(SIZE[::-1], 255, np.uint8)
     mask[:, 200:] = 0
     found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 32), **{side: mask})(*shifted(12.0))
-    assert np.isnan(found[:, seen:]).all() and np.isfinite(found[20:-20, 60 : seen - 7]).mean() > 0.9
+    assert np.isnan(found[:, seen:]).all()
+    assert np.isfinite(found[20:-20, 60 : seen - 7]).mean() > 0.9
 
 
 @pytest.mark.parametrize("step", [1, 2, 3, 4])
 def test_samples_have_the_disparity_of_their_pixels(step):
     found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(5, 32), step=step).match(*shifted(12.3)).disparity
     inside = found[64 // step : -64 // step, 124 // step : -104 // step] - 12.3
-    assert abs(np.nanmedian(inside)) < 0.08 and (np.abs(inside) < 0.4).mean() > 0.9
+    assert abs(np.nanmedian(inside)) < 0.08
+    assert (np.abs(inside) < 0.4).mean() > 0.9
 
 
 @pytest.mark.parametrize("step", [2, 3, 4])
@@ -95,7 +100,8 @@ def test_samples_of_an_image_whose_size_is_no_multiple_are_one_more(step):
     matcher = SgbmMatcher(odd, disparities=DisparityRange(0, 32), step=step)
     assert matcher.match(left, right).disparity.shape == matcher.shape == (-(-233 // step), -(-317 // step))
     found = matcher(left, right)
-    assert found.shape == (233, 317) and np.nanmedian(found) == pytest.approx(12.0, abs=0.08)
+    assert found.shape == (233, 317)
+    assert np.nanmedian(found) == pytest.approx(12.0, abs=0.08)
 
 
 def brighter(image: U8, levels: int, rows: slice = slice(None), columns: slice = slice(None)) -> U8:
@@ -120,7 +126,8 @@ def test_the_first_pairs_are_matched_whatever_they_show(still):
 def test_pair_in_which_nothing_moved_is_not_matched_again(still):
     matcher, first, left, right = still
     second = matcher.match(left.copy(), right.copy(), first)
-    assert second.disparity is first.disparity and (first.kept, second.kept) == (0, 1)
+    assert second.disparity is first.disparity
+    assert (first.kept, second.kept) == (0, 1)
 
 
 @pytest.mark.parametrize("side", [0, 1])
@@ -163,7 +170,8 @@ ABOVE, LEVEL = (Floor(world_from_plane(np.array(n), h)) for n, h in (([0, 0, -1.
 )
 def test_range_reaches_what_can_be_seen(geometry, params, floor, first_px, count):
     found = disparity_range(geometry, params, floor)
-    assert first_px in (found.first_px, None) and count in (found.count, None)
+    assert first_px in (found.first_px, None)
+    assert count in (found.count, None)
 
 
 @settings(max_examples=25)

@@ -85,4 +85,5 @@ def test_messages_that_announce_more_than_they_hold_take_no_memory():
     stored = stored_pixels(message)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert stored.tolist() == [[0, 1, 2, 3]] and peak < 1e6
+    assert stored.tolist() == [[0, 1, 2, 3]]
+    assert peak < 1e6

@@ -31,9 +31,11 @@ def test_folder_recording_yields_pairs_in_order_each_time(tmp_path, colour):
     for _ in range(2):
         frames = list(recording)
         values = [int(f.image[0, 0, 0] if colour else f.image[0, 0]) for f in frames]
-        assert [f.index for f in frames] == list(range(6)) and values == [0, 10, 20, 30, 40, 50]
+        assert [f.index for f in frames] == list(range(6))
+        assert values == [0, 10, 20, 30, 40, 50]
     assert frames[0].image.shape == ((H, W, 3) if colour else (H, W))
-    assert recording.n_frames == 6 and recording.skipped == []
+    assert recording.n_frames == 6
+    assert recording.skipped == []
 
 
 @pytest.mark.parametrize(
@@ -76,8 +78,10 @@ def test_missing_file_leaves_a_gap_in_time(tmp_path):
     write_times(folder / "timestamps.csv", [i * 0.1 for i in range(15)])
     recording = open_recording(folder)
     frames = list(recording)
-    assert [f.index for f in frames][:4] == [0, 1, 3, 4] and frames[2].timestamp_s == pytest.approx(0.3)
-    assert recording.fps == pytest.approx(10.0) and recording.skipped[0].index == 2
+    assert [f.index for f in frames][:4] == [0, 1, 3, 4]
+    assert frames[2].timestamp_s == pytest.approx(0.3)
+    assert recording.fps == pytest.approx(10.0)
+    assert recording.skipped[0].index == 2
 
 
 def test_folders_that_do_not_pair_are_refused_by_name(tmp_path):
@@ -111,16 +115,20 @@ def test_file_whose_mate_has_another_name_is_refused():
 
 def test_even_sequence_leaves_uneven_numbers_alone():
     assert even_sequence([0, 5, 15]) == [0, 5, 10, 15]
-    assert even_sequence([1000, 1033, 1067, 1100]) == [1000, 1033, 1067, 1100] and even_sequence([3]) == [3]
+    assert even_sequence([1000, 1033, 1067, 1100]) == [1000, 1033, 1067, 1100]
+    assert even_sequence([3]) == [3]
 
 
 @pytest.mark.parametrize("right", [8, 5])
 def test_shorter_video_trims_the_pair(tmp_path, right):
     recording = open_recording(video_pair(tmp_path, (8, right)))
     frames = list(recording)
-    assert [f.index for f in frames] == list(range(right)) and frames[0].image.ndim == 2
-    assert recording.fps == pytest.approx(10.0) and frames[4].timestamp_s == pytest.approx(0.4)
-    assert recording.n_frames == 8 and [s.index for s in recording.skipped] == list(range(right, 8))
+    assert [f.index for f in frames] == list(range(right))
+    assert frames[0].image.ndim == 2
+    assert recording.fps == pytest.approx(10.0)
+    assert frames[4].timestamp_s == pytest.approx(0.4)
+    assert recording.n_frames == 8
+    assert [s.index for s in recording.skipped] == list(range(right, 8))
 
 
 @pytest.mark.parametrize(
@@ -142,7 +150,8 @@ def test_truncated_video_ends_early_with_a_note(tmp_path):
     (tmp_path / "right.avi").write_bytes(data[: len(data) // 2])
     recording = open_recording(tmp_path)
     count = len(list(recording))
-    assert 0 < count < 30 and len(recording.skipped) == 30 - count
+    assert 0 < count < 30
+    assert len(recording.skipped) == 30 - count
 
 
 def test_single_camera_video_is_refused_as_a_pair(tmp_path):
@@ -154,7 +163,8 @@ def test_single_camera_video_is_refused_as_a_pair(tmp_path):
 @pytest.mark.parametrize(("count", "frames"), [(3, [0, 2, 5]), (100, [*range(6)])])
 def test_sample_is_spread_over_the_frames(tmp_path, count, frames):
     recording = open_recording(folder_recording(tmp_path / "r"))
-    assert [f.index for f in recording.sample(count)] == frames and recording.skipped == []
+    assert [f.index for f in recording.sample(count)] == frames
+    assert recording.skipped == []
 
 
 def test_sample_of_videos_seeks_its_frames(tmp_path):
@@ -179,7 +189,9 @@ def test_single_camera_folder_is_a_video(tmp_path):
     folder = folder_recording(tmp_path / "r") / "left"
     (folder / "0001.png").write_bytes(b"")
     video = open_video(folder)
-    assert [f.index for f in video] == [0, 2, 3, 4, 5] and video.sensor.size == (W, H) and len(video.skipped) == 1
+    assert [f.index for f in video] == [0, 2, 3, 4, 5]
+    assert video.sensor.size == (W, H)
+    assert len(video.skipped) == 1
 
 
 def test_prefetch_passes_errors_on():
@@ -203,7 +215,8 @@ def test_closed_prefetch_stops_its_thread_with_its_source():
     items = prefetch(source(), depth=2)
     assert next(items) == 0
     items.close()
-    assert closed.is_set() and threading.active_count() == before
+    assert closed.is_set()
+    assert threading.active_count() == before
 
 
 def test_topics_may_be_one_text():
@@ -289,7 +302,8 @@ def test_rate_of_the_caller_replaces_the_times_of_one_camera(tmp_path):
     folder = folder_recording(tmp_path / "r") / "left"
     write_times(folder / "timestamps.csv", [0, 7, 9])
     video = open_video(folder, OpenOptions(fps=5.0))
-    assert video.fps == 5.0 and video.notes == []
+    assert video.fps == 5.0
+    assert video.notes == []
     assert [frame.timestamp_s for frame in video][:3] == pytest.approx([0.0, 0.2, 0.4])
 
 
@@ -332,10 +346,12 @@ def served(tmp_path_factory) -> Iterator[tuple[str, OpenOptions]]:
 def test_stream_with_both_views_gives_pairs_until_it_ends(served):
     address, options = served
     recording = open_recording(Path(f"{address}/both.avi"), options)
-    assert isinstance(recording, LiveRecording) and recording.n_frames == 0
+    assert isinstance(recording, LiveRecording)
+    assert recording.n_frames == 0
     frames = list(recording)
     assert [f.index for f in frames] == list(range(COUNT))
-    assert frames[0].image.shape == (48, 64) and recording.skipped == []
+    assert frames[0].image.shape == (48, 64)
+    assert recording.skipped == []
     assert frames[5].timestamp_s == pytest.approx(0.5, abs=0.01)
     again = open_recording(Path(f"{address}/both.avi"), options)
     assert [f.index for f in again.sample(3)] == [0, 3, 6]
@@ -344,7 +360,8 @@ def test_stream_with_both_views_gives_pairs_until_it_ends(served):
 def test_two_streams_are_paired_as_they_come(served):
     address, options = served
     recording = open_recording(Path(f"{address}/left.avi,{address}/right.avi"), options)
-    assert len(list(recording)) == COUNT and "paired as they come" in recording.notes[0]
+    assert len(list(recording)) == COUNT
+    assert "paired as they come" in recording.notes[0]
 
 
 def test_live_camera_without_calibration_asks_for_one(served):

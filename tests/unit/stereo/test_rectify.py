@@ -36,7 +36,8 @@ def test_rectifying_an_ideal_pair_changes_neither_its_images_nor_its_geometry():
     pair, geometry = rectifier(left, right), rectifier.geometry
     np.testing.assert_array_equal(pair.image, left)
     np.testing.assert_array_equal(pair.right_grey, right)
-    assert geometry.size == (320, 240) and geometry.focal_u_px == pytest.approx(230.0)
+    assert geometry.size == (320, 240)
+    assert geometry.focal_u_px == pytest.approx(230.0)
     assert (geometry.cu_px, geometry.cv_px, geometry.baseline_m) == pytest.approx((159.5, 119.5, 0.12))
 
 
@@ -49,7 +50,8 @@ def test_rows_of_a_turned_pair_are_aligned(distortion, lens, most):
     rig = StereoRig(lens, lens, rig.right_SE3_left) if lens else rig
     pair = Rectifier(rig)(*ToyWorld().pair(rig, walking(10)))
     offsets = match_corners(pair.left_grey, pair.right_grey, 45.0)[:, 3]
-    assert len(offsets) > 60 and np.median(np.abs(offsets)) < most
+    assert len(offsets) > 60
+    assert np.median(np.abs(offsets)) < most
 
 
 def test_cameras_one_above_the_other_give_an_upright_strip():
@@ -62,7 +64,8 @@ def test_large_images_are_reduced_to_the_working_size_unless_the_full_size_is_as
     rig = toy_rig((1280, 960), focal_px=920.0)
     assert Rectifier(rig, RectifyParams(working_px=0)).geometry.size == (1280, 960)
     rectifier = Rectifier(rig)
-    assert rectifier.geometry.size == (640, 480) and rectifier.geometry.focal_u_px == pytest.approx(460.0)
+    assert rectifier.geometry.size == (640, 480)
+    assert rectifier.geometry.focal_u_px == pytest.approx(460.0)
     checker = np.kron(np.indices((480, 640)).sum(axis=0) % 2, np.ones((2, 2))).astype(np.uint8) * 255
     np.testing.assert_array_equal(rectifier(checker, checker).image, checker[::2, ::2])
 
@@ -80,7 +83,8 @@ def test_folding_lens_model_is_not_followed_outside_its_range():
     rectifier = Rectifier(StereoRig(camera, camera, SE3(np.eye(3), np.array([-0.07, 0.0, 0.0]))))
     rays = rectifier.geometry.rays(np.stack(np.meshgrid(*map(np.arange, rectifier.geometry.size)), axis=-1))
     radius = np.hypot(rays[..., 0], rays[..., 1])
-    assert not rectifier.mask[radius > 0.9].any() and rectifier.mask[radius < 0.4].all()
+    assert not rectifier.mask[radius > 0.9].any()
+    assert rectifier.mask[radius < 0.4].all()
 
 
 def test_field_grows_with_the_share_of_border_kept():
@@ -108,7 +112,8 @@ def test_aligned_rectifier_takes_out_a_turn_the_calibration_missed(turn_deg):
     frames = [Frame(i, i, (world.pair(true, walking(i), i),)) for i in (0, 20)]
     _, rectifier, found = aligned_rectifier(claimed, frames, RectifyParams())
     left = (rectifier.rig.right_SE3_left @ true.right_SE3_left.inverse()).rotvec
-    assert np.degrees(np.abs(left)).max() < 0.03 and found.after_px < 0.1 < found.before_px
+    assert np.degrees(np.abs(left)).max() < 0.03
+    assert found.after_px < 0.1 < found.before_px
 
 
 def test_rectifier_keeps_the_colours_of_the_left_image():
@@ -194,5 +199,7 @@ def test_skipped_frames_name_their_sensor():
 def test_calibration_of_rectified_images_is_ideal():
     turned = toy_rig((320, 240), rotation_deg=(3.0, 0.0, 0.0))
     ideal = rectified_rig(turned)
-    assert is_ideal(ideal) and not is_ideal(turned)
-    assert ideal.baseline_m == pytest.approx(turned.baseline_m) and rectified_rig(ideal) is ideal
+    assert is_ideal(ideal)
+    assert not is_ideal(turned)
+    assert ideal.baseline_m == pytest.approx(turned.baseline_m)
+    assert rectified_rig(ideal) is ideal

@@ -26,7 +26,8 @@ LENS = (-0.1, 0.05, 0.0, 0.0, 0.0)
 def test_sensors_have_the_noise_that_was_published():
     light, flight = (RgbdRectifier(CAMERA, kind).geometry for kind in ("structured-light", "time-of-flight"))
     assert light.depth_std_m(5.0) == pytest.approx(0.0356, abs=1e-4)  # Khoshelham and Elberink: about 4 cm at 5 m
-    assert light.disparity_std_px == 0.25 and flight.depth_std_m(0.5) == pytest.approx(0.005, rel=0.01)
+    assert light.disparity_std_px == 0.25
+    assert flight.depth_std_m(0.5) == pytest.approx(0.005, rel=0.01)
     at = flight.disparity_at(0.5)
     assert flight.disparity_std_per_px2 * at**2 == pytest.approx(at / 0.5 * 0.005)  # sigma_d = d / z sigma_z
 
@@ -199,7 +200,8 @@ def test_calibration_of_a_pair_or_another_aspect_is_refused_for_images_with_dept
 def test_calibration_of_twice_the_resolution_is_scaled(tmp_path):
     large = {"fx": 120.0, "fy": 120.0, "cx": 63.5, "cy": 47.5, "width": 128, "height": 96}
     recording = _open(_folders(tmp_path, large))
-    assert recording.sensor.camera.fx == 60.0 and "scaled from 128x96" in recording.sensor.source
+    assert recording.sensor.camera.fx == 60.0
+    assert "scaled from 128x96" in recording.sensor.source
 
 
 def test_lost_depth_image_is_skipped_with_a_reason(tmp_path):
@@ -223,7 +225,8 @@ def test_tum_images_take_the_depth_of_their_time(tmp_path):
     frames = list(recording)
     assert [(frame.index, round(frame.timestamp_s, 6)) for frame in frames] == [(0, 0.0), (2, 0.2)]
     np.testing.assert_allclose(frames[0].images[1][24, 32], 2.0)
-    assert len(recording.skipped) == 1 and any("nominal Kinect camera" in note for note in recording.notes)
+    assert len(recording.skipped) == 1
+    assert any("nominal Kinect camera" in note for note in recording.notes)
 
 
 def test_tum_lists_may_have_milliseconds_before_names_of_windows(tmp_path):

@@ -45,7 +45,8 @@ def test_turn_of_the_right_camera_is_found_among_wrong_matches(turn_deg):
     found = fit_correction(matches_of(turn_deg, wrong=0.2), GEOMETRY)
     assert np.all(np.abs(found.angles[:3] - np.radians(turn_deg)) < 3.0 * found.deviations[:3])
     pitch, yaw, roll = np.degrees(found.deviations[:3])
-    assert max(pitch, roll) < 0.05 and 0.15 <= yaw < 0.16  # lenses look like yaw
+    assert max(pitch, roll) < 0.05
+    assert 0.15 <= yaw < 0.16
     assert found.after_px < 0.12 < found.before_px
 
 
@@ -58,9 +59,8 @@ def test_turn_of_the_baseline_is_not_taken_for_one_of_the_camera(depths_m):
 @pytest.mark.parametrize("noise_px", [0.0, 0.1, 0.5])
 def test_right_calibration_is_kept(noise_px):
     found = fit_correction(matches_of(noise_px=noise_px), GEOMETRY)
-    assert np.abs(np.degrees(found.applied)).max() < 0.005 and found.before_px == pytest.approx(
-        found.after_px, abs=2e-3
-    )
+    assert np.abs(np.degrees(found.applied)).max() < 0.005
+    assert found.before_px == pytest.approx(found.after_px, abs=2e-3)
     assert str(found) == "the calibration fits the images"
 
 
@@ -107,7 +107,8 @@ def test_matches_of_a_shifted_image_show_the_shift():
     left, _ = ToyWorld().pair(toy_rig())
     right = np.roll(left, (3, -20), axis=(0, 1))
     matches = match_corners(left, right, 40.0)
-    assert len(matches) > 60 and np.median(matches[:, 3]) == pytest.approx(3.0, abs=0.02)
+    assert len(matches) > 60
+    assert np.median(matches[:, 3]) == pytest.approx(3.0, abs=0.02)
     assert np.median(matches[:, 0] - matches[:, 2]) == pytest.approx(20.0, abs=0.02)
 
 
@@ -122,7 +123,8 @@ def test_images_that_do_not_agree_or_show_nothing_give_no_correction():
     assert not of_images(left, other).is_applied.any()
     for value in (0, 128, 255):
         found = of_images(*[np.full((240, 320), value, np.uint8)] * 2)
-        assert np.isnan(found.before_px) and np.isnan(found.deviations).all()
+        assert np.isnan(found.before_px)
+        assert np.isnan(found.deviations).all()
     assert not measure_correction([], GEOMETRY, 40.0).is_applied.any()
 
 
@@ -130,7 +132,8 @@ def test_texture_in_one_place_justifies_no_correction():
     left = np.full((240, 320), 100, np.uint8)
     left[100:140, 100:140] = ToyWorld().pair(toy_rig())[0][100:140, 100:140]
     found = of_images(left, np.roll(left, (2, -10), axis=(0, 1)))
-    assert not found.is_applied.any() and "too little texture" in str(found)
+    assert not found.is_applied.any()
+    assert "too little texture" in str(found)
 
 
 @pytest.mark.parametrize("gain", [0.4, 0.65, 1.0])

@@ -32,5 +32,6 @@ def test_first_view_is_the_left_one_whatever_it_shows(tmp_path):
     save_rig(toy_rig((W, H)), tmp_path / "rig.toml")
     recording = open_recording(tmp_path)
     frame = next(iter(recording))
-    assert frame.image.shape == (H, W) and not recording.notes
+    assert frame.image.shape == (H, W)
+    assert not recording.notes
     assert np.abs(frame.image.astype(int) - RIGHT).mean() < 10 < np.abs(frame.images[1].astype(int) - RIGHT).mean()

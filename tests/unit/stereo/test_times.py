@@ -48,20 +48,24 @@ def test_videos_have_the_times_of_their_own_files(tmp_path):
     for side, frames in (("left", range(11)), ("right", KEPT)):
         write_times(folder / f"{side}_timestamps.csv", [i / 5 for i in frames])
     recording = open_recording(folder)
-    assert [f.index for f in recording] == [0, 1, 2, 3, 4, 6, 7, 8, 9, 10] and recording.fps == pytest.approx(5)
+    assert [f.index for f in recording] == [0, 1, 2, 3, 4, 6, 7, 8, 9, 10]
+    assert recording.fps == pytest.approx(5)
 
 
 def test_video_of_one_camera_has_the_times_of_the_file_next_to_it(tmp_path):
     write_video(tmp_path / "hall.avi", 4)
     write_times(tmp_path / "hall_timestamps.csv", [0.0, 0.5, 1.0, 1.5])
     video = open_video(tmp_path / "hall.avi")
-    assert video.fps == pytest.approx(2) and [f.timestamp_s for f in video] == [0.0, 0.5, 1.0, 1.5]
+    assert video.fps == pytest.approx(2)
+    assert [f.timestamp_s for f in video] == [0.0, 0.5, 1.0, 1.5]
 
 
 def test_videos_of_two_rates_pair_by_time():
     pairs = _by_time(np.arange(50) / 25, np.arange(60) / 30)
     both = [(a, b) for a, b in zip(pairs.left, pairs.right, strict=True) if a >= 0 and b >= 0]
-    assert (5, 6) in both and (45, 54) in both and max(abs(a / 25 - b / 30) for a, b in both) <= 0.25 / 25
+    assert (5, 6) in both
+    assert (45, 54) in both
+    assert max(abs(a / 25 - b / 30) for a, b in both) <= 0.25 / 25
 
 
 def test_videos_whose_times_waver_pair_in_order():
@@ -116,7 +120,8 @@ def test_frames_without_a_container_have_no_times_but_those_of_a_rate(tmp_path, 
     coded = cv2.imencode(".jpg", np.full((48, 64), 90, np.uint8))[1].tobytes()
     (tmp_path / "a.mjpeg").write_bytes(7 * coded)
     video = open_video(tmp_path / name)
-    assert video.n_frames == count and all(math.isnan(frame.timestamp_s) for frame in video.sample(count))
+    assert video.n_frames == count
+    assert all(math.isnan(frame.timestamp_s) for frame in video.sample(count))
     with pytest.raises(InputError, match="fps="):
         refuse_untimed(video)
     assert [f.timestamp_s for f in open_video(tmp_path / name, OpenOptions(fps=5)).sample(count)][:2] == [0.0, 0.2]
@@ -141,7 +146,8 @@ def test_times_of_one_camera_are_those_of_its_list_or_names(tmp_path):
     (folder / "timestamps.txt").write_text("\n".join(names))
     assert open_video(folder).fps == pytest.approx(5.0)
     named = open_video(folder_recording(tmp_path / "b", names) / "left")
-    assert [frame.timestamp_s for frame in named] == pytest.approx([i / 5 for i in range(6)]) and not named.notes
+    assert [frame.timestamp_s for frame in named] == pytest.approx([i / 5 for i in range(6)])
+    assert not named.notes
 
 
 @pytest.mark.parametrize(
@@ -162,7 +168,8 @@ def test_table_of_times_that_is_too_short_or_counts_from_1_is_noted(tmp_path, fr
     recording = open_recording(folder)
     assert [frame.timestamp_s for frame in recording] == pytest.approx(found_s)
     found, *_ = recording.notes
-    assert "timestamps.csv" in found and found.endswith(note)
+    assert "timestamps.csv" in found
+    assert found.endswith(note)
 
 
 @pytest.mark.parametrize(
@@ -179,7 +186,8 @@ def test_the_unit_of_times_is_that_of_their_column(tmp_path, column, times, peri
     table = "".join(f"{frame},{time}\n" for frame, time in enumerate(times))
     (tmp_path / "timestamps.csv").write_text(f"frame,{column}\n{table}")
     found, notes = load_timestamps(tmp_path / "timestamps.csv", range(3), range(3))
-    assert found[1] == pytest.approx(period_s) and noted in notes[0]
+    assert found[1] == pytest.approx(period_s)
+    assert noted in notes[0]
 
 
 def test_frames_after_a_time_far_ahead_run_on():
@@ -209,7 +217,8 @@ def test_frames_of_a_table_that_are_the_numbers_of_the_images_are_theirs(tmp_pat
     write_times(folder / "timestamps.csv", [n / 10 for n in COUNTER], COUNTER)
     recording = open_recording(folder)
     times = {frame.index: frame.timestamp_s for frame in recording}
-    assert times == pytest.approx({n: n / 10 for n in COUNTER}) and not recording.notes
+    assert times == pytest.approx({n: n / 10 for n in COUNTER})
+    assert not recording.notes
 
 
 def test_table_whose_frames_belong_to_no_image_is_refused_with_what_was_found(tmp_path):
@@ -223,7 +232,8 @@ def test_times_run_on_where_the_clock_of_a_table_was_set_back(tmp_path):
     table = "".join(f"{i},0{2 + (i < 3)}:59:5{i}\n" for i in range(6))
     (tmp_path / "timestamps.csv").write_text(f"frame,time\n{table}")
     times, notes = load_timestamps(tmp_path / "timestamps.csv", range(6), range(6))
-    assert times.tolist() == [0, 1, 2, 3, 4, 5] and "the clock jumps by -3599 s after frame 2" in notes[1]
+    assert times.tolist() == [0, 1, 2, 3, 4, 5]
+    assert "the clock jumps by -3599 s after frame 2" in notes[1]
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,8 @@ def test_folder_that_nearly_fits_is_told_what_to_do(tmp_path, names, found):
         (tmp_path / name.with_suffix(".png")).rename(tmp_path / name)
     with pytest.raises(InputError) as error:
         find_layout(tmp_path)
-    assert found in str(error.value) and len(str(error.value)) < 300 + len(str(tmp_path))
+    assert found in str(error.value)
+    assert len(str(error.value)) < 300 + len(str(tmp_path))
 
 
 def test_depth_given_as_a_video_of_its_own_is_named(tmp_path):
@@ -67,7 +68,8 @@ def test_registered_depth_is_taken_before_raw_depth(tmp_path):
     write_images(tmp_path, "rgb/0.png", "rgb/1.png")
     write_images(tmp_path, "depth/0.png", "depth/1.png", "depth_registered/0.png", image=DEEP)
     _, layout = find_layout(tmp_path)
-    assert layout.kind == "rgbd" and [stream.n_frames for stream in layout.streams] == [2, 1]
+    assert layout.kind == "rgbd"
+    assert [stream.n_frames for stream in layout.streams] == [2, 1]
 
 
 def test_depth_named_as_its_image_in_one_folder_is_a_recording(tmp_path):
@@ -80,7 +82,8 @@ def test_photographs_with_both_views_are_a_recording(tmp_path):
     write_images(tmp_path, "0.png", "1.png", "2.png", image=np.hstack([textured(0), textured(12)]))
     save_rig(toy_rig((320, 240)), tmp_path / "rig.toml")
     frames = list(open_recording(tmp_path))
-    assert len(frames) == 3 and frames[0].image.shape == (240, 320)
+    assert len(frames) == 3
+    assert frames[0].image.shape == (240, 320)
 
 
 def test_sockets_are_named_in_every_way():
@@ -95,7 +98,8 @@ def test_arrays_of_numpy_are_a_calibration_by_any_usual_names(tmp_path, names):
     values = [*camera, *camera, np.eye(3), np.array([[-0.12], [0], [0]])]
     np.savez(tmp_path / "calib.npz", **dict(zip(names.split(), values, strict=True)), maps=np.zeros((48, 64)))
     rig = load_rig(tmp_path, (32, 24))
-    assert rig.baseline_m == pytest.approx(0.12) and rig.left.fx == 30.0
+    assert rig.baseline_m == pytest.approx(0.12)
+    assert rig.left.fx == 30.0
 
 
 def test_arrays_of_numpy_that_are_no_calibration_name_what_they_lack(tmp_path):

@@ -121,7 +121,8 @@ def test_frames_keep_their_numbers_after_those_before_the_first_key_frame(tmp_pa
     start = b"\0\0\0\1\x67" + parameters.partition(b"\0\0\1\x65")[0]
     (tmp_path / "a.h264").write_bytes(start + b"".join(packets[247:]))
     video = VideoFile(tmp_path / "a.h264")
-    assert [frame.index for frame in video if frame.image is None] == [0, 1, 2] and video.n_frames == 9
+    assert [frame.index for frame in video if frame.image is None] == [0, 1, 2]
+    assert video.n_frames == 9
     (third,) = video.at([4])
     (same,) = VideoFile(DEMO).at([251])
     np.testing.assert_array_equal(third.image, same.image)
@@ -130,7 +131,8 @@ def test_frames_keep_their_numbers_after_those_before_the_first_key_frame(tmp_pa
 def test_video_tracks_of_a_container_are_counted(tmp_path):
     track = box(b"trak", box(b"mdia", box(b"hdlr", bytes(8) + b"vide" + bytes(12))))
     (tmp_path / "a.mp4").write_bytes(box(b"ftyp", b"isom") + box(b"mdat", bytes(100)) + box(b"moov", 2 * track))
-    assert list(boxes(tmp_path / "a.mp4")) == [b"ftyp", b"mdat", b"moov"] and video_tracks(tmp_path / "a.mp4") == 2
+    assert list(boxes(tmp_path / "a.mp4")) == [b"ftyp", b"mdat", b"moov"]
+    assert video_tracks(tmp_path / "a.mp4") == 2
     write_video(tmp_path / "b.avi", 2)
     assert video_tracks(tmp_path / "b.avi") == 1
 
@@ -139,5 +141,8 @@ def test_video_that_opencv_does_not_open_leaves_nothing_on_standard_error_but_th
     (tmp_path / "a.mkv").write_bytes(b"\x1aE\xdf\xa3 and no more of it")
     command = [sys.executable, "-m", "planview", "check", "--quick", str(tmp_path / "a.mkv")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 2 and done.stderr.startswith("planview: ") and done.stderr.count("\n") == 1
-    assert "OpenCV does not open" in done.stderr and "ffmpeg -i" in done.stderr
+    assert done.returncode == 2
+    assert done.stderr.startswith("planview: ")
+    assert done.stderr.count("\n") == 1
+    assert "OpenCV does not open" in done.stderr
+    assert "ffmpeg -i" in done.stderr

@@ -65,14 +65,16 @@ def test_depth_that_stands_still_or_comes_twice_is_named_with_how_long(sides):
 def test_cameras_that_stand_still_while_people_walk_are_named(sides):
     paused = [*range(20), *[20] * 20, *range(40, FRAMES)]
     found = watched(*([side[n] for n in paused] for side in sides))["stalled camera"]
-    assert not found.ok and found.value == 19
+    assert not found.ok
+    assert found.value == 19
     assert "the left camera and the right camera stand still from 2.1 to 4.0 s" in found.note
 
 
 def test_an_image_that_stands_still_while_its_depth_does_not_is_named(sides):
     images, depths = ([sides[0][n] for n in [*range(20), *[20] * 20, *range(40, FRAMES)]], sides[1])
     found = watched(images, [depth.astype(np.float32) for depth in depths], is_pair=False)["stalled camera"]
-    assert not found.ok and ": the image stands still from 2.1 to 4.0 s" in found.note
+    assert not found.ok
+    assert ": the image stands still from 2.1 to 4.0 s" in found.note
 
 
 def test_people_who_stop_do_not_make_cameras_stand_still(sides):
@@ -86,12 +88,14 @@ def failing(found: dict[str, Check]) -> set[str]:
 
 def test_cameras_in_step_pass(sides):
     found = watched(*sides)
-    assert found["synchronisation"].value < 0.2 and failing(found) == set()
+    assert found["synchronisation"].value < 0.2
+    assert failing(found) == set()
 
 
 def test_still_scenes_pass():
     still = watched(*[[picture(0, 0)] * FRAMES] * 2)
-    assert np.isnan(still["synchronisation"].value) and failing(still) == set()
+    assert np.isnan(still["synchronisation"].value)
+    assert failing(still) == set()
 
 
 def test_pairs_that_are_copies_are_reported(sides):
@@ -104,14 +108,16 @@ def test_images_that_are_late_are_reported_with_their_lag(sides, late):
     left, right = sides
     found = watched(left[late:], right[:-late]) if late > 0 else watched(left[:late], right[-late:])
     lag = found["synchronisation"]
-    assert not lag.ok and lag.value == pytest.approx(abs(late), abs=0.3)
+    assert not lag.ok
+    assert lag.value == pytest.approx(abs(late), abs=0.3)
     assert f"right camera {'late' if late > 0 else 'ahead'}, by movement: {LATE['right camera'].remedy}" in lag.note
 
 
 def test_camera_that_stalls_once_is_reported_by_the_length_of_the_stall(sides):
     left, right = sides
     found = watched(left * 5, (right[:20] + [right[19]] * 12 + right[32:]) + right * 4)
-    assert found["frozen camera"].value < 0.1 and 10 <= found["stalled camera"].value <= 12
+    assert found["frozen camera"].value < 0.1
+    assert 10 <= found["stalled camera"].value <= 12
     assert failing(found) == {"stalled camera"}
 
 
@@ -126,16 +132,20 @@ def test_picture_written_twice_leaves_its_camera_behind(sides, side):
     both = [list(images) for images in sides]
     both[side] = both[side][:15] + both[side][14:-1]
     found = watched(*both)
-    assert round(found["synchronisation"].value) == 1 and "synchronisation" in failing(found)
+    assert round(found["synchronisation"].value) == 1
+    assert "synchronisation" in failing(found)
     assert f"right camera {'late' if side else 'ahead'}, by movement" in found["synchronisation"].note
 
 
 def test_every_second_frame_that_is_darker_is_a_warning():
     rng = np.random.default_rng(0)
     steady = 90 + 10 * np.sin(np.arange(60) / 20) + rng.normal(0, 2, 60)
-    assert flicker_check(list(steady)).ok and flicker_check([90.0] * 4).ok
+    assert flicker_check(list(steady)).ok
+    assert flicker_check([90.0] * 4).ok
     check = flicker_check(list(steady * np.where(np.arange(60) % 2, 0.8, 1.0)))
-    assert not check.ok and check.warns and check.value == pytest.approx(0.2, abs=0.02)
+    assert not check.ok
+    assert check.warns
+    assert check.value == pytest.approx(0.2, abs=0.02)
 
 
 def wave(late: float, frames: int = WINDOW, seed: int = 0) -> F64:
@@ -147,7 +157,8 @@ def wave(late: float, frames: int = WINDOW, seed: int = 0) -> F64:
 @pytest.mark.parametrize("late", [2.5, -2.5])
 def test_lag_is_found_between_frames_within_its_deviation(late):
     lag = lag_of(wave(0.0), wave(late))
-    assert lag.frames == pytest.approx(late, abs=0.15) and abs(lag.frames - late) < 4 * lag.std + 0.05
+    assert lag.frames == pytest.approx(late, abs=0.15)
+    assert abs(lag.frames - late) < 4 * lag.std + 0.05
     assert lag.gain > SURELY
 
 
@@ -168,7 +179,8 @@ def test_a_floor_that_may_be_a_wall_is_a_warning():
     floor = Floor(SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 5.0])), 0.8, 0.02)
     assert not any(check.warns for check in floor_checks(floor))
     (warning,) = (check for check in floor_checks(replace(floor, doubt="it may be a wall")) if not check.ok)
-    assert warning.warns and warning.note == "it may be a wall"
+    assert warning.warns
+    assert warning.note == "it may be a wall"
 
 
 def test_thumbnails_leave_out_what_one_camera_alone_shows():
@@ -176,7 +188,8 @@ def test_thumbnails_leave_out_what_one_camera_alone_shows():
     left[:, :10], right[:, 70:] = 255, 255
     small = Thumbnails.of_pair(left, right)
     assert small.left.shape == small.right.shape == (24, 35)
-    assert not small.left.any() and not small.right.any()
+    assert not small.left.any()
+    assert not small.right.any()
 
 
 RIG = toy_rig(rotation_deg=(0.4, -0.6, 1.0))
@@ -205,7 +218,8 @@ def test_good_recording_passes(tmp_path, pairs):
     assert [c for c in diagnosis.checks if not c.ok] == []
     values = {c.name: c.value for c in diagnosis.checks}
     assert values["camera height"] == pytest.approx(2.5, abs=0.05)
-    assert values["person height"] == pytest.approx(1.75, abs=0.08) and values["synchronisation"] < 0.2
+    assert values["person height"] == pytest.approx(1.75, abs=0.08)
+    assert values["synchronisation"] < 0.2
     assert values["depth error at 4 m"] == pytest.approx(0.25 * 16 / (230 * 0.12), rel=0.02)
 
 
@@ -251,7 +265,9 @@ def test_height_that_no_adults_have_is_a_warning_unless_impossible(median_m, ok,
 def test_scale_that_makes_people_too_small_is_a_warning(tmp_path, pairs):
     folder = write_toy_recording(tmp_path / "r", RIG, pairs, claimed=claimed(scale=0.7))
     (check,) = [check for check in examine(folder).checks if check.name == "person height"]
-    assert check.value == pytest.approx(0.7 * 1.75, abs=0.08) and check.warns and not check.ok
+    assert check.value == pytest.approx(0.7 * 1.75, abs=0.08)
+    assert check.warns
+    assert not check.ok
 
 
 def test_fault_of_scale_against_a_known_height(tmp_path, pairs):
@@ -267,7 +283,8 @@ def test_fault_of_scale_against_a_known_height(tmp_path, pairs):
 def test_camera_that_was_panned_since_its_calibration_is_reported_with_the_angle(tmp_path, pairs):
     folder = write_toy_recording(tmp_path / "r", RIG, pairs[:8], claimed=turned(RIG, (0.0, 2.0, 0.0)))
     check = next(check for check in examine(folder).checks if check.name == "camera turn")
-    assert not check.ok and check.value == pytest.approx(2.0, abs=0.2)
+    assert not check.ok
+    assert check.value == pytest.approx(2.0, abs=0.2)
 
 
 def test_check_writes_the_rig_that_the_recording_corrects(tmp_path, pairs, capsys):
@@ -284,7 +301,8 @@ def test_corrected_rig_of_a_calibration_that_fits_is_refused_below_the_table(tmp
     folder, rig = write_toy_recording(tmp_path / "r", RIG, pairs[:8]), tmp_path / "rig.toml"
     with pytest.raises(WorkError, match=r"rig\.toml was not written: there is nothing to correct"):
         check(folder, frames=8, corrected_rig=rig)
-    assert "camera turn" in capsys.readouterr().out and not rig.exists()
+    assert "camera turn" in capsys.readouterr().out
+    assert not rig.exists()
 
 
 def test_a_value_is_shown_to_the_first_digit_of_its_deviation():
@@ -297,7 +315,8 @@ def test_a_value_is_shown_to_the_first_digit_of_its_deviation():
 def test_light_is_named_after_the_camera_that_has_it():
     dark, bright = np.zeros((8, 8), np.uint8), np.full((8, 8), 255, np.uint8)
     over, under = light_checks([dark], [bright])
-    assert over.note.endswith("of the right camera") and under.note.endswith("of the left camera")
+    assert over.note.endswith("of the right camera")
+    assert under.note.endswith("of the left camera")
     assert not any("camera" in one.note for one in light_checks([bright]))
 
 
@@ -305,7 +324,9 @@ def test_frames_that_are_written_twice_are_a_warning(pairs):
     images = [left for left, _ in pairs[:16]]
     assert repeated_check(images).ok
     check = repeated_check([image for image in images for _ in range(2)])
-    assert not check.ok and check.value == pytest.approx(0.5, abs=0.1) and check.warns
+    assert not check.ok
+    assert check.value == pytest.approx(0.5, abs=0.1)
+    assert check.warns
 
 
 @pytest.mark.parametrize(("fps", "ok"), [(10.0, True), (60.0, False)])
@@ -313,7 +334,8 @@ def test_people_who_run_all_the_time_are_a_warning_of_a_wrong_rate(fps, ok):
     watch = SpeedWatch()
     for frame in range(60):  # 0.12 m a frame, and one who stands
         watch.update(frame / fps, {1: (0.12 * frame, 0.0), 2: (0.0, 1.0)})
-    assert watch.check().value == pytest.approx(0.12 * fps) and watch.check().ok is ok
+    assert watch.check().value == pytest.approx(0.12 * fps)
+    assert watch.check().ok is ok
 
 
 def test_speed_between_frames_of_one_time_does_not_count():
@@ -353,7 +375,8 @@ def test_command_prints_json_although_checks_fail(tmp_path, pairs, capsys):
         main(["check", str(folder), "--frames", "6", "--json", "--out", str(tmp_path / "pictures")])
     printed = capsys.readouterr()
     result = json.loads(printed.out)
-    assert result["ok"] is False and {"name", "ok", "value", "unit", "limit"} <= result["checks"][0].keys()
+    assert result["ok"] is False
+    assert {"name", "ok", "value", "unit", "limit"} <= result["checks"][0].keys()
     assert "left-right order" in printed.err
     names = {p.name for p in (tmp_path / "pictures").iterdir()}
     assert names == {"rows.png", "disparity.png", "floor.png"}
@@ -365,7 +388,8 @@ def test_the_verdict_names_what_failed_before_what_is_a_warning():
     fine = Check("row offset", True, 0.1)
     cause = Check("explanation", False, math.nan, note="if left is right", warns=True)
     lines = verdict((fine, warned, failed, cause))
-    assert "1 of 4 checks failed and 2 warnings" in lines[0] and lines[1] == "warning: explanation: if left is right"
+    assert "1 of 4 checks failed and 2 warnings" in lines[0]
+    assert lines[1] == "warning: explanation: if left is right"
     assert lines[2].startswith("failed: valid disparity: expected at least 0.35, found 0.2")
     assert lines[3].startswith("warning: person height: expected 1.5 to 1.95 m, found 1.05")
 
@@ -383,7 +407,8 @@ def test_what_is_no_recording_is_refused_or_reported(tmp_path):
     with pytest.raises(InputError, match="no such file or folder"):
         examine(tmp_path / "absent")
     diagnosis = examine(tmp_path)
-    assert diagnosis.checks[0].failed and diagnosis.seen is None
+    assert diagnosis.checks[0].failed
+    assert diagnosis.seen is None
     assert "expected a recording, found an empty folder" in diagnosis.checks[0].note
 
 
@@ -391,5 +416,7 @@ def test_a_picture_over_exposed_by_a_hair_is_a_warning():
     image = np.full((100, 100), 100, np.uint8)
     image[:37] = 255
     over = next(check for check in light_checks([image]) if check.name == "over-exposure")
-    assert over.value == pytest.approx(0.37, abs=0.02) and not over.ok and not over.failed
+    assert over.value == pytest.approx(0.37, abs=0.02)
+    assert not over.ok
+    assert not over.failed
     refuse_unless_ok([over], "recording")  # --strict goes on

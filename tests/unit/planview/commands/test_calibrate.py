@@ -42,7 +42,8 @@ def test_convert_corrects_a_calibration_on_request(tmp_path, cli, succeed):
     assert cli(*words)[0] == cli(*words, "--unit", "mm")[0] == 2
     succeed(*words, "--unit", "mm", "--swap", "--size", "320x240")
     rig = load_rig(tmp_path / "rig.toml")
-    assert rig.baseline_m == pytest.approx(0.1) and rig.left.size == (320, 240)
+    assert rig.baseline_m == pytest.approx(0.1)
+    assert rig.left.size == (320, 240)
 
 
 def test_convert_writes_the_calibration_of_rectified_images_on_request(tmp_path, succeed):
@@ -50,7 +51,8 @@ def test_convert_writes_the_calibration_of_rectified_images_on_request(tmp_path,
     succeed(*CONVERT, tmp_path / "raw.toml", tmp_path / "rig.toml", "--rectified")
     rig = load_rig(tmp_path / "rig.toml")
     assert rig.baseline_m == pytest.approx(RIG.baseline_m)
-    assert np.array_equal(rig.right_SE3_left.rotation, np.eye(3)) and not any(rig.left.distortion)
+    assert np.array_equal(rig.right_SE3_left.rotation, np.eye(3))
+    assert not any(rig.left.distortion)
 
 
 @pytest.mark.parametrize(
@@ -95,7 +97,8 @@ def test_camera_is_written_for_the_image_size_of_the_file(people, json_of):
     printed = json_of(*HUMAN, people, "--lens", "normal-wide", "--out", out)
     camera = load_ground_camera(out)
     assert camera.std.from_camera == printed["from_camera_std"]
-    assert camera.size == (640, 480) and printed["height_m"] == camera.height_m == pytest.approx(4.0, rel=0.01)
+    assert camera.size == (640, 480)
+    assert printed["height_m"] == camera.height_m == pytest.approx(4.0, rel=0.01)
     assert sorted(p.name for p in out.parent.iterdir()) == ["camera.png", "camera.toml"]
 
 
@@ -104,7 +107,9 @@ def test_camera_that_does_not_predict_how_large_people_are_is_not_written(tmp_pa
     people = sorted(standing_people(street, 300, 0, 2.0), key=lambda person: person.foot_px[1])
     write_samples(people[150:156], tmp_path / "people.json", street.size)
     status, printed = cli(*HUMAN, tmp_path / "people.json", "--lens", "pinhole", "--out", tmp_path / "camera.toml")
-    assert status == 1 and "not enough: " in printed and "give focal length" in printed
+    assert status == 1
+    assert "not enough: " in printed
+    assert "give focal length" in printed
     assert [path.name for path in tmp_path.iterdir()] == ["people.json"]
 
 
@@ -156,4 +161,5 @@ def test_parts_of_people_are_not_of_the_usual_size():
     people = [standing(u, v, 0.3 * v) for u in range(50, 300, 50) for v in range(100, 220, 20)]
     people += [standing(80, 150, 80), standing(120, 170, 25)]
     usual = usual_sizes(people)
-    assert usual[:-2].all() and not usual[-2:].any()
+    assert usual[:-2].all()
+    assert not usual[-2:].any()

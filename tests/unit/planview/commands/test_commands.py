@@ -87,7 +87,8 @@ def test_synth_writes_a_recording_that_our_reader_takes(scene, tmp_path, json_of
 def test_synth_of_one_camera_writes_boxes(scene, tmp_path, cli):
     scene.write_text(SCENE.replace("[rig]", "[camera]"))
     out = tmp_path / "out"
-    assert cli("synth", scene, out)[0] == 0 and load_ground_camera(out / "camera.toml").size == (96, 72)
+    assert cli("synth", scene, out)[0] == 0
+    assert load_ground_camera(out / "camera.toml").size == (96, 72)
     assert len(list(open_video(out))) == 4
     with (out / "truth.csv").open() as file:
         row = next(csv.DictReader(file))
@@ -173,7 +174,8 @@ def test_foreign_tracks_write_nothing_next_to_them(folder, cli, succeed):
     lab.mkdir()
     (lab / "walk.txt").write_text("".join(f"1 {t} 100 {100 - 10 * t} 170\n" for t in range(21)))
     words = ("count", lab / "walk.txt", "--rules", folder / "rules.toml")
-    assert cli(*words)[0] == 0 and [path.name for path in lab.iterdir()] == ["walk.txt"]
+    assert cli(*words)[0] == 0
+    assert [path.name for path in lab.iterdir()] == ["walk.txt"]
     succeed(*words, "--out", folder / "new" / "place")
     assert (folder / "new" / "place" / "counts.json").is_file()
 
@@ -235,23 +237,26 @@ def test_inspect_tells_what_a_recording_holds(tmp_path, capsys):
     save_rig(toy_rig((32, 24), focal_px=16.0), recording(tmp_path) / "rig.toml")
     found = inspected(tmp_path, capsys)
     assert (found["reader"], found["kind"], found["frames"], found["unpaired"]) == ("folders", "stereo", 4, 1)
-    assert found["fps"] == pytest.approx(10.0) and found["size"] == [32, 24] and found["missing"] == []
+    assert found["fps"] == pytest.approx(10.0)
+    assert found["size"] == [32, 24]
+    assert found["missing"] == []
     calibration = found["calibration"]
-    assert calibration["baseline_m"] == pytest.approx(0.12) and calibration["fov_deg"][0] == pytest.approx(90.0)
+    assert calibration["baseline_m"] == pytest.approx(0.12)
+    assert calibration["fov_deg"][0] == pytest.approx(90.0)
 
 
 def test_inspect_names_the_option_that_supplies_what_is_missing(tmp_path, capsys):
     found = inspected(recording(tmp_path), capsys)
-    assert found["calibration"] is None and "use --calibration" in str(found["missing"])
+    assert found["calibration"] is None
+    assert "use --calibration" in str(found["missing"])
 
 
 def test_times_that_images_lack_are_missing_but_the_rest_is_listed(tmp_path, capsys):
     folder = write_toy_rgbd(tmp_path / "rgbd")
     (folder / "timestamps.csv").unlink(missing_ok=True)
     found = inspected(folder, capsys)
-    assert found["fps"] is found["duration_s"] is None and "there is no timestamps.csv; use --fps" in str(
-        found["missing"]
-    )
+    assert found["fps"] is found["duration_s"] is None
+    assert "there is no timestamps.csv; use --fps" in str(found["missing"])
     check(folder, quick=True)
     assert re.search(r"frames +36\n", capsys.readouterr().out)
 
@@ -278,7 +283,8 @@ def test_a_run_of_one_camera_names_its_trackers(tmp_path, refused):
 
 def test_a_quick_check_of_one_camera_advises_what_check_has(tmp_path, refused):
     printed = refused("check", street(tmp_path), "--quick")
-    assert "--quick: " in printed and "--tracker" not in printed
+    assert "--quick: " in printed
+    assert "--tracker" not in printed
 
 
 def test_a_quick_check_repeats_what_opens_the_recording_in_the_next_command(tmp_path, capsys):

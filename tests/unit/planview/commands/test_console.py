@@ -51,5 +51,6 @@ def test_console_shows_names_as_text():
     table.add_row("results", EVIL)
     console.print(EVIL)
     console.print(table)
-    assert "\x1b" not in file.getvalue() and "\x07" not in file.getvalue()
+    assert "\x1b" not in file.getvalue()
+    assert "\x07" not in file.getvalue()
     assert file.getvalue().count("\\x1b[31m[bold]x[/]:car:\\udcff") == 2

@@ -47,7 +47,8 @@ ZONE = '[[zone]]\nname = "till"\npolygon_m = [[0, 0], [2, 0], [2, 2]]\n'
 
 def test_rules_keep_metres_as_they_are(tmp_path):
     rules = load_rules(rules_file(tmp_path, WIRE + ZONE + '[queue]\nname = "q"\nzone = "till"\n'))
-    assert rules.names == ["door", "till", "q"] and rules.tripwires[0].plane == "floor"
+    assert rules.names == ["door", "till", "q"]
+    assert rules.tripwires[0].plane == "floor"
     np.testing.assert_array_equal(rules.tripwires[0].points, [[0, 0], [2, 0]])
 
 
@@ -108,7 +109,8 @@ def test_line_in_the_image_goes_on_beyond_the_border_where_it_ends():
 def test_bad_rules_get_one_sentence_that_names_the_file(tmp_path, text, sentence):
     with pytest.raises(InputError) as caught:
         load_rules(rules_file(tmp_path, text))
-    assert sentence in str(caught.value) and str(caught.value).startswith(str(tmp_path / "rules.toml"))
+    assert sentence in str(caught.value)
+    assert str(caught.value).startswith(str(tmp_path / "rules.toml"))
     assert "\n" not in str(caught.value)
 
 
@@ -221,7 +223,8 @@ def test_as_many_crossings_match_as_can():
 
 def test_misses_cancel_extras_in_the_total_alone():
     scores = crossing_scores([crossing(t) for t in (1, 2, 3, 4)], [crossing(t) for t in (1, 2, 3, 50)], 1.0)
-    assert scores.accuracy == 1.0 and scores.strict_accuracy == 0.5
+    assert scores.accuracy == 1.0
+    assert scores.strict_accuracy == 0.5
     assert (scores.precision, scores.recall) == (0.75, 0.75)
 
 
@@ -294,5 +297,7 @@ def test_counts_of_a_table_are_those_of_every_frame(seed):
     rules = parse_rules(RULES, RulePlane(), "r")
     counts = count_tracks(tracks, rules, params, clock=Clock(tracks, 10.0))
     events, stays, people = every_frame(tracks, rules, params)
-    assert len(events) > 5 and sorted(counts.events, key=str) == events and counts.people == people
+    assert len(events) > 5
+    assert sorted(counts.events, key=str) == events
+    assert counts.people == people
     assert {name: sorted(map(str, map(vars, stays))) for name, stays in counts.stays.items()} == stays

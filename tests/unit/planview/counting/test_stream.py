@@ -157,7 +157,8 @@ def test_truth_counts_at_once_but_not_steps_back_within_the_hysteresis():
 
 def test_tracks_are_a_short_table_in_a_notebook():
     tracks = positions_table(np.arange(9), np.ones(9, np.int64), np.zeros((9, 2)))
-    assert tracks._repr_html_().count("<tr>") == 5 and len(repr(tracks)) <= 200
+    assert tracks._repr_html_().count("<tr>") == 5
+    assert len(repr(tracks)) <= 200
 
 
 @pytest.mark.parametrize(("inward", "found"), [("left_to_right", (4, 0)), ("right_to_left", (0, 4)), (None, None)])
@@ -165,7 +166,8 @@ def test_totals_per_interval_add_up(inward, found):
     rows = [row for k in range(4) for row in way(DOWN, track_id=k + 1, start=30 * k)]
     counts, rules = totals(rows, {"tripwire": [WIRE | ({"inward": inward} if inward else {})]}, interval_s=5.0)
     door = rules["door"]
-    assert door["left_to_right"] == 4 and [part["left_to_right"] for part in door["intervals"]] == [2, 1, 1]
+    assert door["left_to_right"] == 4
+    assert [part["left_to_right"] for part in door["intervals"]] == [2, 1, 1]
     assert counts.span.duration_s == pytest.approx(11.1)
     if inward:
         assert (door["in"], door["out"]) == found
@@ -204,7 +206,8 @@ def test_person_who_walks_over_the_line_three_times_is_one_person_per_visit():
     later = way(DOWN, start=len(there_and_back) + 60)
     elsewhere = way([9.0] * 200, track_id=2, x=50.0)
     events = feed(counter, way(there_and_back) + later + elsewhere)
-    assert sum(event.kind == "crossing" for event in events) == 4 and counter.people["door"] == 2
+    assert sum(event.kind == "crossing" for event in events) == 4
+    assert counter.people["door"] == 2
 
 
 def room(rows: Sequence[Row], queue_s: float = 5.0) -> dict[str, Any]:
@@ -217,7 +220,8 @@ def room(rows: Sequence[Row], queue_s: float = 5.0) -> dict[str, Any]:
 def test_a_stay_ends_with_the_track():
     found = room([*way(np.full(40, 2.0)), *way(np.full(40, 2.0), start=600)])
     assert (found["stays"], found["people"], found["waited"]) == (2, 2, 0)
-    assert found["max_dwell_s"] == pytest.approx(4.0) and found["mean_occupancy"] == pytest.approx(8.0 / 64.0)
+    assert found["max_dwell_s"] == pytest.approx(4.0)
+    assert found["mean_occupancy"] == pytest.approx(8.0 / 64.0)
 
 
 def test_a_stay_goes_on_while_somebody_is_hidden_for_less():

@@ -38,7 +38,8 @@ def test_box_is_drawn_in_the_colour_of_the_id_where_the_track_says_also_in_an_en
     person = TrackState(3, "confirmed", box_px=(100, 50, 60, 200))
     found = has(ImagePainter(None)(GREY, Snapshot(0, 0.0, [person])), person_rgb(3))
     rows, cols = np.nonzero(found)
-    assert (cols.min(), rows.max()) == pytest.approx((99, 251), abs=1) and not found[100:240, 110:150].any()
+    assert (cols.min(), rows.max()) == pytest.approx((99, 251), abs=1)
+    assert not found[100:240, 110:150].any()
     person = TrackState(3, "confirmed", box_px=(50, 25, 30, 100))
     picture = ImagePainter(None)(GREY[::2, ::2].copy(), Snapshot(0, 0.0, [person]))
     assert picture.shape == GREY.shape
@@ -49,7 +50,8 @@ def test_metre_grid_passes_through_the_pixel_of_its_crossing():
     plain = ImagePainter(CAMERA)(GREY, Snapshot(0, 0.0, []))
     gridded = ImagePainter(CAMERA, bounds=PlanBounds(-2, 3, 2, 8))(GREY, Snapshot(0, 0.0, []))
     at = np.round(CAMERA.project(np.array([1.0, 5.0, 0.0]))).astype(int)
-    assert (plain == 128).all() and gridded[at[1], at[0], 0] > 150
+    assert (plain == 128).all()
+    assert gridded[at[1], at[0], 0] > 150
 
 
 def test_rule_beyond_the_view_draws_nothing():
@@ -91,7 +93,9 @@ def test_a_line_without_a_head_shows_the_axis_of_somebody_who_may_be_back_to_fro
     assert line.tolist() == [[1.0, 5.0 - AXIS_M], [1.0, 5.0 + AXIS_M]]
     painter = PlanPainter(PlanBounds(0, 4, 2, 6), (200, 200))
     seen = has(painter(Snapshot(0, 0.0, [person])), person_rgb(4))
-    assert seen[70, 100] and seen[130, 100] and not seen[75, 95:99].any()  # no barbs of an arrow
+    assert seen[70, 100]
+    assert seen[130, 100]
+    assert not seen[75, 95:99].any()
 
 
 def test_arrow_points_from_a_person_to_where_the_chest_does():
@@ -100,7 +104,9 @@ def test_arrow_points_from_a_person_to_where_the_chest_does():
     assert arrow.tolist() == [[1.0, 5.0], pytest.approx([1.0, 5.0 + ARROW_M])]
     assert facing_line(TrackState(4, "confirmed", 1.0, 5.0)) is None
     above = has(PlanPainter(PlanBounds(0, 4, 2, 6), (200, 200))(Snapshot(0, 0.0, [person])), person_rgb(4))
-    assert above[60, 100] and not above[140, 100] and not above[100, 140]  # up is y
+    assert above[60, 100]
+    assert not above[140, 100]
+    assert not above[100, 140]
     seen = has(ImagePainter(CAMERA)(GREY, Snapshot(0, 0.0, [person])), person_rgb(4))
     at = np.round(CAMERA.project(np.array([1.0, 5.25, 0.0]))).astype(int)
     assert seen[at[1], at[0]]
@@ -121,7 +127,8 @@ def test_points_that_no_rule_has_are_refused(points):
 def test_legend_lies_below_the_picture():
     picture = np.full((50, 300), 128, np.uint8)
     shown = with_legend(picture, [Entry((255, 0, 0), "above"), Entry((0, 0, 255), "below")])
-    assert shown.shape == (50 + STRIP_PX, 300, 3) and (shown[:50] == 128).all()
+    assert shown.shape == (50 + STRIP_PX, 300, 3)
+    assert (shown[:50] == 128).all()
     assert all((shown[50:] == colour).all(axis=2).any() for colour in ((0, 0, 255), (255, 0, 0)))
 
 

@@ -36,12 +36,14 @@ def file(tmp_path) -> Path:
 
 def test_a_file_changes_only_what_it_names(file):
     expected = Config().model_copy(update={"seed": 3, "maps": Config().maps.model_copy(update={"cell_m": 0.05})})
-    assert load_config() == Config() and load_config(file) == expected
+    assert load_config() == Config()
+    assert load_config(file) == expected
 
 
 def test_overrides_beat_a_file(file):
     config = load_config(file, ["maps.cell_m=0.04", "feedback.enabled=false", "single_camera.foreground.beta=9"])
-    assert config.maps.cell_m == 0.04 and not config.feedback.enabled
+    assert config.maps.cell_m == 0.04
+    assert not config.feedback.enabled
     defaults = Config().single_camera.foreground
     assert defaults.remove_colour_shadows
     assert config.single_camera.foreground == defaults.model_copy(update={"beta": 9.0})
@@ -79,7 +81,8 @@ def test_keys_with_dots_are_those_of_tables():
 def test_override_that_cannot_be_is_refused_by_name(override, named):
     with pytest.raises(InputError) as refused:
         load_config(None, [override])
-    assert named in str(refused.value) and "\n" not in str(refused.value)
+    assert named in str(refused.value)
+    assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize(
@@ -100,7 +103,8 @@ def test_a_file_that_is_no_configuration_is_refused_by_name(tmp_path, content, f
 
 def test_every_parameter_says_what_it_means():
     parameters = [(name, each) for name, table in tables_of(Config) for each in descriptions(table)]
-    assert len(parameters) > 50 and [(name, p.name) for name, p in parameters if not p.meaning] == []
+    assert len(parameters) > 50
+    assert [(name, p.name) for name, p in parameters if not p.meaning] == []
 
 
 SHAPE, SEARCHED = (48, 64), DisparityRange(0, 64)
@@ -186,7 +190,8 @@ def box(world_SE3_left: SE3, x_m: float, y_m: float, height_m: float) -> tuple[f
     ids=["ahead, of the near side", "below, of the top of the sensor", "clipped to the outer edges of the image"],
 )
 def test_box_of_a_person_spans_sensor_to_feet(pose, person, expected):
-    assert BODY_RADIUS_M == 0.25 and box(pose, *person) == pytest.approx(expected)
+    assert BODY_RADIUS_M == 0.25
+    assert box(pose, *person) == pytest.approx(expected)
 
 
 def test_somebody_out_of_view_or_of_unknown_height_or_place_has_no_box():
@@ -221,7 +226,9 @@ def walked(spread_px: int = 2) -> Feedback:
 
 def test_body_of_a_track_that_has_walked_is_protected_with_a_margin():
     mask = mask_after(walked(), point(1.0, 1.0, 20), person(1.0))
-    assert mask[18:23] == [PERSON] * 5 and mask.count(PERSON) == 5 and mask.count(NO_FEEDBACK) == 35
+    assert mask[18:23] == [PERSON] * 5
+    assert mask.count(PERSON) == 5
+    assert mask.count(NO_FEEDBACK) == 35
 
 
 def test_nothing_is_protected_where_feedback_is_off():
@@ -248,7 +255,8 @@ def test_a_track_that_is_given_an_id_has_walked_as_far_as_before():
 )
 def test_foreground_is_a_persons_the_floors_or_left_to_the_model(where, who, expected):
     mask = mask_after(walked(), where, who, person(9.0, track_id=2))
-    assert set(mask) == expected and mask[20] == max(expected, key=lambda label: label != NO_FEEDBACK)
+    assert set(mask) == expected
+    assert mask[20] == max(expected, key=lambda label: label != NO_FEEDBACK)
     assert mask.count(BACKGROUND) == (BACKGROUND in expected)
 
 

@@ -58,7 +58,8 @@ def with_false(rows: np.ndarray, x_m: float) -> Evaluation:
 
 def test_a_false_track_beside_the_truth_counts_as_false():
     result = with_false(np.arange(100), 8.0)
-    assert result.clear.false_positives == 100 and result.unjudged_rows == 0
+    assert result.clear.false_positives == 100
+    assert result.unjudged_rows == 0
 
 
 def test_a_track_that_stays_a_moment_after_its_person_left_counts_as_false():
@@ -83,4 +84,5 @@ def test_a_score_that_nothing_explains_says_so():
 def test_people_who_are_missing_say_nothing_about_the_unit_of_heights():
     child = replace(TRACKS, height_m=np.where(TRACKS.track_id == 1, 1.7, 0.9))
     result = evaluate_tracks(TRACKS.where(TRACKS.track_id == 1), child)
-    assert result.height_ratio == 1.0 and "height" not in result.doubts
+    assert result.height_ratio == 1.0
+    assert "height" not in result.doubts

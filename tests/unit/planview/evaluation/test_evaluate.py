@@ -37,7 +37,8 @@ def walk(n: int = 100, track_id: int = 1, x_m: float = 0.0, height_m: float = 1.
 
 def test_evaluation_measures_the_errors_of_matches():
     result = evaluate_tracks(walk(x_m=0.1, height_m=1.75), walk()).to_json()
-    assert result["truth_rows"] == 100 and (result["mota"], result["idf1"]) == (1.0, 1.0)
+    assert result["truth_rows"] == 100
+    assert (result["mota"], result["idf1"]) == (1.0, 1.0)
     assert result["motp_m"] == result["position_error_mean_m"] == pytest.approx(0.1)
     assert result["position_error_std_m"] == pytest.approx(0.0, abs=1e-9)
     assert result["height_error_mean_m"] == pytest.approx(0.05)
@@ -71,7 +72,8 @@ def test_facing_that_is_not_sure_counts_as_an_axis():
 def test_without_truth_of_facing_walkers_are_compared_with_their_way():
     tracks = replace(walk(), facing_deg=np.full(100, 100.0))
     result = evaluate_tracks(tracks, walk())
-    assert "facing" not in result.to_json() and result.facing.walkers_deg == pytest.approx(10)
+    assert "facing" not in result.to_json()
+    assert result.facing.walkers_deg == pytest.approx(10)
     assert evaluate_tracks(walk(), walk()).facing.walkers_deg is None
 
 
@@ -226,7 +228,8 @@ def test_evaluate_scores_the_frames_of_the_run_as_its_report_does(files, json_of
     result = json_of("evaluate", folder)
     scores = scores_of(RunFolder(folder))
     printed = scores.to_json()
-    assert result["duration_s"] == pytest.approx(2.5, abs=0.01) and result["misses"] == 15
+    assert result["duration_s"] == pytest.approx(2.5, abs=0.01)
+    assert result["misses"] == 15
     assert {key: result[key] for key in printed} == printed
 
 
@@ -244,7 +247,8 @@ def test_evaluate_scores_the_frames_of_the_run_as_its_report_does(files, json_of
 def test_truth_that_does_not_fit_is_noted(files, cli, truth, note):
     write(files[1], "frame,id,x_m,y_m,height_m,visible", truth)
     status, printed = cli("evaluate", *files)
-    assert status == 0 and note in " ".join(printed.split())
+    assert status == 0
+    assert note in " ".join(printed.split())
 
 
 def test_truth_of_other_frames_is_refused_naming_both_files(files, refused):
@@ -322,7 +326,8 @@ def test_truth_of_every_fifth_frame_leaves_the_others_out():
     truth = truth.where(truth.frame % 5 == 0)
     result = evaluate_tracks(tracks, truth)
     assert (result.clear.mota, result.clear.false_positives, result.unjudged_rows) == (1.0, 0, 80)
-    assert result.duration_s == pytest.approx(21 * 5 / 30) and "every 5th frame only" in result.doubts
+    assert result.duration_s == pytest.approx(21 * 5 / 30)
+    assert "every 5th frame only" in result.doubts
     stray = evaluate_tracks(replace(tracks, x_m=tracks.x_m + 5 * (tracks.frame >= 50)), truth)
     assert [(error.kind, error.frame) for error in stray.significant] == [("false_track", 50), ("lost", 50)]
 
@@ -331,7 +336,8 @@ def test_rows_without_a_position_are_counted():
     tracks = walk(10)
     tracks.x_m[3] = np.inf
     result = evaluate_tracks(tracks, walk(10))
-    assert result.unplaced_rows == 1 and "1 rows without a finite position" in result.doubts
+    assert result.unplaced_rows == 1
+    assert "1 rows without a finite position" in result.doubts
 
 
 def test_what_a_run_returns_is_scored_on_the_frames_that_it_read():
@@ -371,8 +377,10 @@ def test_alignment_finds_the_motion_from_noisy_paths():
     tracks = positions_table(noisy.frame, 10 - noisy.track_id, xy)
     order = np.lexsort((tracks.track_id, tracks.frame))
     laid, alignment = align_tracks(tracks.where(order), truth, 0.5)
-    assert alignment.pairs == 80 and math.degrees(alignment.rotation_rad) == pytest.approx(120, abs=1.0)
-    assert alignment.rms_m < 0.1 and np.isfinite(laid.x_m).all()
+    assert alignment.pairs == 80
+    assert math.degrees(alignment.rotation_rad) == pytest.approx(120, abs=1.0)
+    assert alignment.rms_m < 0.1
+    assert np.isfinite(laid.x_m).all()
 
 
 def test_alignment_starts_from_boxes_where_both_have_them():

@@ -56,12 +56,14 @@ def test_a_perfect_sequence_counts_as_one():
     rows = [(t, i, 2.0 * i, 0.1 * t) for t in range(5) for i in (1, 2)]
     scores = clear_scores(sequence(rows, rows))
     assert (scores.mota, scores.misses, scores.false_positives, scores.switches) == (1.0, 0, 0, 0)
-    assert len(scores.matches) == 10 and hota_scores(sequence(rows, rows)).hota == pytest.approx(1.0)
+    assert len(scores.matches) == 10
+    assert hota_scores(sequence(rows, rows)).hota == pytest.approx(1.0)
 
 
 def test_scores_without_truth_are_unknown():
     scores = clear_scores(sequence([], [(0, 1, 0, 0)]))
-    assert (scores.mota, scores.false_positives) == (None, 1) and idf1(sequence([], [])) is None
+    assert (scores.mota, scores.false_positives) == (None, 1)
+    assert idf1(sequence([], [])) is None
 
 
 def test_clear_counts_every_kind_of_error():
@@ -108,7 +110,8 @@ def test_hota_of_a_split_track_is_the_root_of_its_association():
     truth = [(t, 1, 0, 0) for t in range(4)]
     tracks = [(t, 1 if t < 2 else 2, 0, 0) for t in range(4)]
     scores = hota_scores(sequence(truth, tracks))
-    assert scores.deta == pytest.approx(1.0) and scores.assa == pytest.approx(0.5)
+    assert scores.deta == pytest.approx(1.0)
+    assert scores.assa == pytest.approx(0.5)
     assert scores.hota == pytest.approx(math.sqrt(0.5))
 
 

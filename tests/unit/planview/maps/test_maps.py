@@ -46,7 +46,8 @@ def test_a_template_is_the_maps_around_a_place():
     maps = maps_of(2.0)
     height, occupancy = maps.around(0.0, 0.0)
     assert height.shape == occupancy.shape == (21, 21)
-    assert height[10, 10] == pytest.approx(1.0, abs=1e-5) and occupancy.sum() == pytest.approx(maps.occupancy.sum())
+    assert height[10, 10] == pytest.approx(1.0, abs=1e-5)
+    assert occupancy.sum() == pytest.approx(maps.occupancy.sum())
     assert (maps.around(maps.grid.x_max_m + 1, 0.0)[0] == 0).all()
 
 
@@ -78,7 +79,8 @@ def test_maps_skip_what_is_too_high_or_too_low(depth_m):
 
 def test_height_is_masked_where_occupancy_is_low():
     lone = maps_of(2.0, np.s_[20:21], np.s_[30:31], smoothing_m=0.04, occupancy_min=2.0)
-    assert lone.height_raw.max() > 0.9 and lone.height.max() == 0.0
+    assert lone.height_raw.max() > 0.9
+    assert lone.height.max() == 0.0
 
 
 def test_images_of_another_size_are_refused():
@@ -95,7 +97,8 @@ def test_hall_of_too_many_cells_is_refused():
 
 def test_grid_cell_owns_its_lower_edge():
     grid = Grid.covering(0.0, 0.0, 1.0, 0.5, 0.1)
-    assert grid.shape == (5, 10) and grid.centre_of(0, 0) == pytest.approx((0.05, 0.05))
+    assert grid.shape == (5, 10)
+    assert grid.centre_of(0, 0) == pytest.approx((0.05, 0.05))
     assert grid.index_of(0.05, 0.05) == pytest.approx((0.0, 0.0))
     point = np.array([[0.5, 0.25, 1.0]], np.float32)
     assert accumulate(point, np.ones(1, np.float32), 0.0, (0.0, 0.0, 0.25), grid.shape)[0][1, 2] == 1.0
@@ -189,11 +192,15 @@ def track(path: Path) -> int:
 def test_frames_are_read_as_they_were_written(maps):
     recording = MapsRecording(maps)
     first, second, *_ = frames = list(recording)
-    assert [f.index for f in frames][5:9] == [5, 6, 8, 9] and recording.n_frames == track(maps) == 39
-    assert recording.skipped == [Skipped(7, "left: file is missing")] and recording.fps == 15.0
+    assert [f.index for f in frames][5:9] == [5, 6, 8, 9]
+    assert recording.n_frames == track(maps) == 39
+    assert recording.skipped == [Skipped(7, "left: file is missing")]
+    assert recording.fps == 15.0
     points = first.shots[0]
-    assert len(points.unmatched) >= 9 and len(points.pixels) == len(points.disparities)
-    assert points.background is not None and second.shots[0].background is None
+    assert len(points.unmatched) >= 9
+    assert len(points.pixels) == len(points.disparities)
+    assert points.background is not None
+    assert second.shots[0].background is None
 
 
 def test_a_frame_that_shows_nothing_is_replayed_as_one(maps, tmp_path):
@@ -204,7 +211,8 @@ def test_a_frame_that_shows_nothing_is_replayed_as_one(maps, tmp_path):
     writer.add(Frame(1, 0.1, (RecordedPoints(every[:0], np.zeros(0, np.float32), None, every),)))
     writer.close()
     before, nothing = open_engine(path)
-    assert before.views[0].shows and not nothing.views[0].shows
+    assert before.views[0].shows
+    assert not nothing.views[0].shows
 
 
 def test_writing_stops_before_the_disk_is_full(maps, tmp_path, monkeypatch):

@@ -42,7 +42,8 @@ def test_rows_that_need_no_refinement_stay_as_they_are():
     ghost = with_state(walk(range(5, 9), track_id=2, y_m=3.0), "tentative", 5, 8)
     tracks = concatenate([walked.where((walked.frame < 22) | (walked.frame > 24)), ghost])
     result = refine(tracks)
-    assert result.tracks.state.tolist() == tracks.state.tolist() and kinds(result) == []
+    assert result.tracks.state.tolist() == tracks.state.tolist()
+    assert kinds(result) == []
     np.testing.assert_array_equal(result.tracks.frame, tracks.frame)
     np.testing.assert_array_equal(result.tracks.x_m[result.tracks.track_id == 2], ghost.x_m)
 
@@ -78,7 +79,8 @@ def test_nobody_is_smoothed_across_the_end_of_a_track():
 
 def test_fragments_of_one_walk_are_joined_under_the_first_id():
     result = refine(concatenate([walk(range(30), 4), walk(range(33, 63), 9, y_m=0.2)]))
-    assert np.unique(result.tracks.track_id).tolist() == [4] and len(result.tracks) == 60
+    assert np.unique(result.tracks.track_id).tolist() == [4]
+    assert len(result.tracks) == 60
     assert kinds(result) == [("join", 4, 29, 33)]
 
 
@@ -142,9 +144,11 @@ def test_refinement_keeps_the_table_whole(pieces):
     result = refine(tracks).tracks
     for track_id in np.unique(result.track_id):
         before = tracks.frame[tracks.track_id == track_id]
-        assert track_id > 0 and result.frame[result.track_id == track_id].min() >= before.min()
+        assert track_id > 0
+        assert result.frame[result.track_id == track_id].min() >= before.min()
     assert len({*zip(result.frame.tolist(), result.track_id.tolist(), strict=True)}) == len(result)
-    assert len(result) <= len(tracks) and set(result.track_id) <= set(tracks.track_id)
+    assert len(result) <= len(tracks)
+    assert set(result.track_id) <= set(tracks.track_id)
     assert np.isfinite(result.x_m).all()
 
 

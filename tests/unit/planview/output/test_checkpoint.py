@@ -26,7 +26,8 @@ def test_an_array_comes_back_with_its_layout(tmp_path, array):
     write_checkpoint(tmp_path, Checkpoint(IDENTITY, {}, {"one": [array], "other": {"array": 0}}))
     state = read_checkpoint(tmp_path / CHECKPOINT).state
     np.testing.assert_array_equal(state["one"][0], array, strict=True)
-    assert state["one"][0].strides == array.strides and state["other"] == {"array": 0}
+    assert state["one"][0].strides == array.strides
+    assert state["other"] == {"array": 0}
 
 
 def write(folder: Path, frame: int) -> None:
@@ -40,7 +41,8 @@ def frame_in(checkpoint: Checkpoint | None) -> int:
 def test_a_checkpoint_replaces_the_one_before(tmp_path):
     for frame in (1, 2, 3):
         write(tmp_path, frame)
-    assert frame_in(read_checkpoint(tmp_path / CHECKPOINT)) == 3 and len(list(tmp_path.iterdir())) == 1
+    assert frame_in(read_checkpoint(tmp_path / CHECKPOINT)) == 3
+    assert len(list(tmp_path.iterdir())) == 1
 
 
 @pytest.mark.parametrize("damage", ["cut", "flip", "empty"])

@@ -128,7 +128,8 @@ def test_without_a_floor_there_is_no_plan_of_it(street, tmp_path, shown_by):
     picture = cv2.imread(str(tmp_path / "still.png"))
     assert picture.shape[1] == 640
     page = write_report(street).read_text()
-    assert "Boxes: people" in page and "metres" not in page
+    assert "Boxes: people" in page
+    assert "metres" not in page
 
 
 def test_still_shows_the_image_next_to_the_floor(street, tmp_path, shown_by):
@@ -136,14 +137,17 @@ def test_still_shows_the_image_next_to_the_floor(street, tmp_path, shown_by):
     picture = cv2.imread(str(tmp_path / "still.png"))
     assert picture.shape[1] == 640 + 360
     people = (picture == as_bgr(person_rgb(4))).all(axis=2)
-    assert people[:, :640].any() and people[:, 640:].any() and int(np.median(picture[40:, :200])) == 104
+    assert people[:, :640].any()
+    assert people[:, 640:].any()
+    assert int(np.median(picture[40:, :200])) == 104
 
 
 def test_floor_alone_is_drawn_when_the_recording_is_gone(street, tmp_path, cli):
     info = json.loads((street / "run.json").read_text())
     (street / "run.json").write_text(json.dumps({**info, "input": "gone", "recording": ""}))
     status, printed = cli("render", street, "--frame", "4", "--out", tmp_path / "still.png")
-    assert status == 0 and "no images, only the floor" in printed
+    assert status == 0
+    assert "no images, only the floor" in printed
     assert cv2.imread(str(tmp_path / "still.png")) is not None
 
 
@@ -174,7 +178,8 @@ def test_tally_counts_what_happened_up_to_a_frame():
 
 def test_viewer_sends_no_statistics(monkeypatch):
     monkeypatch.setenv("FORCE_RERUN_ANALYTICS", "1")
-    assert quiet_environment()["CI"] == "1" and "FORCE_RERUN_ANALYTICS" not in quiet_environment()
+    assert quiet_environment()["CI"] == "1"
+    assert "FORCE_RERUN_ANALYTICS" not in quiet_environment()
 
 
 def test_web_view_listens_on_this_machine_only(tmp_path, monkeypatch, caplog):
@@ -188,7 +193,8 @@ def test_web_view_listens_on_this_machine_only(tmp_path, monkeypatch, caplog):
     major, minor = map(int, version("rerun-sdk").split(".")[:2])
     (tmp_path / "run.rrd").write_bytes(b"RRF2" + bytes([major, minor, 0, 0]) + b"RRF2FOOT" + bytes(4))
     view(tmp_path, web=True, web_port=9191)
-    assert called[0][1:3] == ["--bind", "127.0.0.1"] and "--serve-web" in called[0]
+    assert called[0][1:3] == ["--bind", "127.0.0.1"]
+    assert "--serve-web" in called[0]
     assert "http://127.0.0.1:9191" in caplog.text
 
 
@@ -218,7 +224,8 @@ def test_viewer_ends_with_the_command(tmp_path):
 def test_templates_are_drawn_side_by_side():
     tiles = {"b": np.full((3, 3), 0.5, np.float32), "a": np.full((5, 4), 200, np.uint8)}
     shown = mosaic(tiles)
-    assert shown.shape == (5, 4 + 1 + 3 + 1) and (shown[0, 0], shown[0, 5], shown[4, 5]) == (200, 255, 0)
+    assert shown.shape == (5, 4 + 1 + 3 + 1)
+    assert (shown[0, 0], shown[0, 5], shown[4, 5]) == (200, 255, 0)
 
 
 def test_foreground_is_drawn_in_pixels_of_the_image():
@@ -249,8 +256,12 @@ def test_rerun_shows_an_arrow_where_somebody_surely_faces():
         for number, confidence in ((4, 0.95), (5, 0.6), (6, math.nan))
     ]
     (arrows, lines), (above, below) = facing_shapes([*people, TrackState(7, "confirmed", 1.0, 5.0)], None)
-    assert arrows.vectors is not None and lines.strips is not None
+    assert arrows.vectors is not None
+    assert lines.strips is not None
     np.testing.assert_allclose(arrows.vectors.as_arrow_array().to_pylist(), [[0.0, ARROW_M, 0.0]] * 2, atol=1e-6)
     ends = [[1.0, 5.0 - AXIS_M, 0.05], [1.0, 5.0 + AXIS_M, 0.05]]
     np.testing.assert_allclose(lines.strips.as_arrow_array().to_pylist(), [ends], atol=1e-6)
-    assert above.vectors is not None and len(above.vectors) == 0 and below.strips is not None and len(below.strips) == 0
+    assert above.vectors is not None
+    assert len(above.vectors) == 0
+    assert below.strips is not None
+    assert len(below.strips) == 0

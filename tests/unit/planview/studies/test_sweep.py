@@ -109,7 +109,8 @@ def test_summary_has_a_row_per_run():
 def test_summary_says_why_a_run_failed():
     failed = JobResult("hall", Configuration(("a.b=1",)), 0, error="no floor")
     row = summary_csv([failed]).splitlines()[1]
-    assert row.startswith("hall,1,0,failed,") and row.endswith(",no floor")
+    assert row.startswith("hall,1,0,failed,")
+    assert row.endswith(",no floor")
 
 
 def write(folder: Path, text: str) -> Path:
@@ -155,7 +156,8 @@ def test_study_that_cannot_be_is_refused_by_its_file(text, tmp_path):
     path = write(tmp_path, text)
     with pytest.raises(InputError) as refused:
         load_study(path)
-    assert str(refused.value).startswith(str(path)) and "\n" not in str(refused.value)
+    assert str(refused.value).startswith(str(path))
+    assert "\n" not in str(refused.value)
 
 
 def study_of(parameters: dict[str, Any], **others: Any) -> Study:

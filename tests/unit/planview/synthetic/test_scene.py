@@ -45,7 +45,8 @@ RIG = "[rig]\nat_m = [3, 0.3, 2.5]\n"
 def test_scene_that_cannot_be_is_refused_in_one_sentence_naming_the_key(text, expected):
     with pytest.raises(InputError) as refusal:
         parse_scene(text, "x.toml")
-    assert str(refusal.value).startswith("x.toml: ") and expected in str(refusal.value)
+    assert str(refusal.value).startswith("x.toml: ")
+    assert expected in str(refusal.value)
     assert "\n" not in str(refusal.value)
 
 
@@ -151,7 +152,9 @@ def test_wanderers_keep_apart_on_walks_of_their_seed():
         for seed in (1, 1, 9)
     )
     gaps = np.linalg.norm(once[:, None] - once, axis=2) + 10 * np.eye(6)
-    assert gaps.min() > 0.45 and (once == again).all() and not np.allclose(once, other, atol=0.3)
+    assert gaps.min() > 0.45
+    assert (once == again).all()
+    assert not np.allclose(once, other, atol=0.3)
 
 
 def test_things_stay_where_they_were_put():
@@ -243,7 +246,8 @@ def test_same_scene_gives_same_pixels_in_any_order(standing):
     first = standing.frame(7)
     again = SceneRenderer(standing.scene)
     again.frame(3)
-    assert (again.frame(7).left == first.left).all() and (again.frame(7).right == first.right).all()
+    assert (again.frame(7).left == first.left).all()
+    assert (again.frame(7).right == first.right).all()
 
 
 def test_other_seed_gives_other_pixels(standing):
@@ -254,7 +258,8 @@ def test_other_seed_gives_other_pixels(standing):
 def test_truth_is_the_place_relative_to_the_camera(standing):
     (row,) = standing.frame(5).truth
     assert (row.x_m, row.y_m) == pytest.approx((0.0, 3.0), abs=0.06)  # people shift their weight
-    assert row.height_m == pytest.approx(1.70, abs=0.01) and row.visible == 1.0
+    assert row.height_m == pytest.approx(1.70, abs=0.01)
+    assert row.visible == 1.0
     assert row.facing_deg == pytest.approx(-90, abs=8)  # they turn a little, too
 
 
@@ -265,18 +270,21 @@ def test_head_of_the_truth_projects_onto_the_person_in_both_images(standing):
     room = standing.world_SE3_room.inverse() @ np.array([row.x_m, row.y_m, row.height_m - 0.11])
     left = standing.room_SE3_left.inverse() @ room
     u, v = np.round(rig.left.project(left)[0]).astype(int)
-    assert frame.owner[v, u] == 1 and frame.depth[v, u] == pytest.approx(left[2], abs=0.15)
+    assert frame.owner[v, u] == 1
+    assert frame.depth[v, u] == pytest.approx(left[2], abs=0.15)
     empty = SceneRenderer(standing.scene.model_copy(update={"people": ()})).frame(5)
     u, v = np.round(rig.right.project(rig.right_SE3_left @ left)[0]).astype(int)
     changed = np.abs(frame.right.astype(int) - empty.right).sum(axis=2)
-    assert changed[v, u] > 60 and world_SE3_rect.translation == pytest.approx([0, 0, 2.4])
+    assert changed[v, u] > 60
+    assert world_SE3_rect.translation == pytest.approx([0, 0, 2.4])
 
 
 def test_floor_depth_of_a_camera_straight_down_is_its_height():
     rig = "[rig]\nwidth = 64\nheight = 48\nfocal_px = 60\nat_m = [4, 4, 3]\ntilt_deg = 0\n"
     down = renderer(ROOM + rig + "distortion = [-0.1, 0, 0, 0]\n")
     frame = down.frame(0)
-    assert frame.depth == pytest.approx(np.full((48, 64), 3.0), abs=1e-4) and frame.truth == ()
+    assert frame.depth == pytest.approx(np.full((48, 64), 3.0), abs=1e-4)
+    assert frame.truth == ()
     assert down.world_SE3_left.rotation[2] == pytest.approx([0, 0, -1], abs=1e-9)
 
 
@@ -284,7 +292,8 @@ def test_hidden_part_is_counted_by_pixels_of_the_person_alone():
     screen = "[[furniture]]\nkind = 'partition'\nat_m = [4, 3]\nheading_deg = 90\n"
     free, hidden = renderer(ROOM + CAMERAS + STANDING).frame(2), renderer(ROOM + CAMERAS + STANDING + screen).frame(2)
     shown = (hidden.owner == 1).sum() / (free.owner == 1).sum()
-    assert 0.2 < shown < 0.8 and hidden.truth[0].visible == pytest.approx(shown, abs=1e-6)
+    assert 0.2 < shown < 0.8
+    assert hidden.truth[0].visible == pytest.approx(shown, abs=1e-6)
 
 
 def test_part_outside_the_image_counts_as_not_visible():
@@ -294,7 +303,8 @@ def test_part_outside_the_image_counts_as_not_visible():
         for w in (32, 160)
     )  # fmt: skip
     inside = (narrow.owner == 1).sum() / (wide.owner == 1).sum()
-    assert 0.2 < inside < 0.8 and narrow.truth[0].visible == pytest.approx(inside, abs=0.05)
+    assert 0.2 < inside < 0.8
+    assert narrow.truth[0].visible == pytest.approx(inside, abs=0.05)
     assert wide.truth[0].visible == 1.0
 
 
@@ -308,7 +318,8 @@ def test_single_camera_boxes_hold_what_shows():
     left, top, width, height = row.box_px
     assert (left, top) == (cols.min(), rows.min())
     assert (width, height) == (np.ptp(cols) + 1, np.ptp(rows) + 1)
-    assert row.full_box_px[:2] == (left, top) and row.full_box_px[3] > 1.3 * height
+    assert row.full_box_px[:2] == (left, top)
+    assert row.full_box_px[3] > 1.3 * height
     head = scene.ground_camera.project([row.x_m, row.y_m, row.height_m])
     assert head == pytest.approx([left + width / 2, top], abs=4)
 
@@ -350,7 +361,8 @@ def test_sensor_noise_follows_the_signal():
 def test_half_scale_gives_the_same_truth():
     text = ROOM + "[sensor]\ngrey = true\n" + CAMERAS + STANDING
     whole, half = renderer(text), SceneRenderer(parse_scene(text, "t"), 0.5)
-    assert whole.frame(0).left.shape == (120, 160) and half.frame(0).left.shape == (60, 80)
+    assert whole.frame(0).left.shape == (120, 160)
+    assert half.frame(0).left.shape == (60, 80)
     assert half.rig.left.fx == pytest.approx(55)
     ours, theirs = whole.frame(4).truth[0], half.frame(4).truth[0]
     assert (ours.x_m, ours.y_m, ours.height_m) == (theirs.x_m, theirs.y_m, theirs.height_m)

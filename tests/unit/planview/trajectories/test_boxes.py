@@ -29,7 +29,8 @@ def file_of(tmp_path: Path, *ends: str) -> Path:
 
 def test_pets_rows_hold_boxes_with_metres(tmp_path):
     truth = load_truth(table_file(tmp_path, "2,5,10,20,30,40,1,1.5,-2.5,0\n1,5,11,20,30,40,1,1.4,-2.5,0\n"))
-    assert truth.frame.tolist() == [0, 1] and truth.box_px[1].tolist() == [10, 20, 30, 40]
+    assert truth.frame.tolist() == [0, 1]
+    assert truth.box_px[1].tolist() == [10, 20, 30, 40]
     assert (truth.x_m[1], truth.y_m[1]) == (1.5, -2.5)
 
 
@@ -45,7 +46,8 @@ def test_pets_rows_of_minus_one_have_no_place(tmp_path):
 def test_motchallenge_truth_has_visibility_instead_of_metres(tmp_path):
     truth = load_truth(table_file(tmp_path, MOT16_TRUTH))
     assert (truth.frame.tolist(), truth.track_id.tolist()) == ([0, 0, 1], [1, 4, 1])
-    assert truth.visible.tolist() == [0.9, IGNORED, 0.25] and np.isnan(truth.x_m).all()
+    assert truth.visible.tolist() == [0.9, IGNORED, 0.25]
+    assert np.isnan(truth.x_m).all()
 
 
 UNSURE = "1,1,10,20,30,40,1,2.5,3.5,0\n1,2,50,20,30,40,0,4.5,5.5,0\n"
@@ -68,8 +70,10 @@ def test_rows_that_are_not_flag_class_visibility_are_metres(tmp_path, columns):
 def test_frames_from_0_are_kept_with_a_note(tmp_path):
     path = table_file(tmp_path, "0,7,10,20,30,60\n1,7,11,20,30,60\n")
     file, found = load_file(path), load_detections(path)
-    assert file.table.frame.tolist() == [0, 1] and "from 0" in file.note
-    assert (found.at(0)[0, 0], found.at(1)[0, 0]) == (10, 11) and "frames count from 0" in found.note
+    assert file.table.frame.tolist() == [0, 1]
+    assert "from 0" in file.note
+    assert (found.at(0)[0, 0], found.at(1)[0, 0]) == (10, 11)
+    assert "frames count from 0" in found.note
 
 
 def test_boxes_outside_of_the_image_are_refused():
@@ -87,7 +91,8 @@ def test_rows_of_a_detector_may_be_shorter_than_others(tmp_path):
 @pytest.mark.parametrize(("text", "rows"), [("", 0), ("1,7,10,20,30,60,1,0,1.0\n", 1)], ids=["empty", "with classes"])
 def test_results_of_motchallenge_without_metres_have_none(tmp_path, text, rows):
     table = load_tracks(table_file(tmp_path, text))
-    assert len(table) == rows and np.isnan(table.x_m).all()
+    assert len(table) == rows
+    assert np.isnan(table.x_m).all()
 
 
 @pytest.mark.parametrize(
@@ -106,7 +111,8 @@ def test_results_of_motchallenge_without_metres_have_none(tmp_path, text, rows):
 def test_results_keep_people_alone(tmp_path, ends, kept):
     path = file_of(tmp_path, *ends)
     file, found = load_file(path), load_detections(path)
-    assert file.table.track_id.tolist() == kept and len(found.at(0)) == len(kept)
+    assert file.table.track_id.tolist() == kept
+    assert len(found.at(0)) == len(kept)
     assert ("left out" in file.note) == ("left out" in found.note) == (len(kept) < len(ends))
 
 
@@ -151,7 +157,8 @@ def test_commands_that_read_a_file_print_what_was_left_out_of_it(tmp_path, cli):
 )
 def test_boxes_are_read_from_tables_of_other_programs(tmp_path, text):
     table = load_tracks(table_file(tmp_path, text))
-    assert table.frame.tolist() == [0] and table.track_id.tolist() == [7]
+    assert table.frame.tolist() == [0]
+    assert table.track_id.tolist() == [7]
     assert table.box_px.tolist() == [[10.5, 20.0, 30.0, 60.0]]
 
 
@@ -162,20 +169,23 @@ def test_boxes_without_ids_are_no_tracks(tmp_path):
 
 def test_boxes_of_minus_one_are_unknown(tmp_path):
     table = load_tracks(table_file(tmp_path, "1,1,-1,-1,-1,-1,1,1.5,2.02,0\n"))
-    assert np.isnan(table.box_px).all() and (table.x_m[0], table.y_m[0]) == (1.5, 2.02)
+    assert np.isnan(table.box_px).all()
+    assert (table.x_m[0], table.y_m[0]) == (1.5, 2.02)
 
 
 def test_categories_that_count_from_0_have_people_there(tmp_path):
     rows = [{"image_id": 1, "category_id": k, "bbox": [k, 2, 3, 6]} for k in (0, 1)]
     (tmp_path / "a.json").write_text(json.dumps(rows))
     found = load_detections(tmp_path / "a.json")
-    assert found.at(0)[:, 0].tolist() == [0.0] and "class 0 in category_id is people; class 1" in found.note
+    assert found.at(0)[:, 0].tolist() == [0.0]
+    assert "class 0 in category_id is people; class 1" in found.note
 
 
 def test_frames_that_a_detector_left_out_show_nothing():
     boxes = [[[10.0, 20.0, 30.0, 60.0]] if k % 3 == 0 else [] for k in range(10)]
     found = Detections.of(boxes)
-    assert [found.is_searched(k) for k in range(4)] == [True, False, False, True] and "every 3rd frame" in found.note
+    assert [found.is_searched(k) for k in range(4)] == [True, False, False, True]
+    assert "every 3rd frame" in found.note
     assert Detections.of(boxes[:1] * 4).is_searched(9)
 
 

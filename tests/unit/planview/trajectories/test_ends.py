@@ -22,11 +22,13 @@ def numbers(table: Trajectories) -> list[int]:
 
 
 def test_a_track_goes_on_while_somebody_is_hidden():
-    assert not has_ended(HIDDEN_S) and numbers(person([0, 40], [0.0, 1.0])) == [0, 0]
+    assert not has_ended(HIDDEN_S)
+    assert numbers(person([0, 40], [0.0, 1.0])) == [0, 0]
 
 
 def test_a_track_ends_where_its_id_has_no_row_for_longer():
-    assert has_ended(HIDDEN_S + 0.1) and numbers(person([0, 41], [0.0, 0.0])) == [0, 1]
+    assert has_ended(HIDDEN_S + 0.1)
+    assert numbers(person([0, 41], [0.0, 0.0])) == [0, 1]
 
 
 def test_predicted_rows_keep_a_track_alive():

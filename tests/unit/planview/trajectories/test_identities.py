@@ -28,7 +28,8 @@ def starts(table: Trajectories) -> list[int]:
 
 def test_people_who_all_jump_at_once_are_others():
     table, notes = judge_ids(concatenate([walkers(), walkers(first=100)]))
-    assert np.unique(table.track_id).tolist() == [1, 2, 3, 5, 6, 7] and "frame 100" in notes[0]
+    assert np.unique(table.track_id).tolist() == [1, 2, 3, 5, 6, 7]
+    assert "frame 100" in notes[0]
 
 
 def test_people_who_walk_on_are_the_same():
@@ -59,7 +60,8 @@ def test_frames_that_last_longer_than_people_are_remembered_begin_nothing():
 def test_times_that_begin_again_begin_another_recording():
     later = walkers((1,), first=100)
     table, notes = judge_ids(concatenate([walkers((1,)), replace(later, timestamp_s=later.timestamp_s - 10.0)]))
-    assert len(people_of(table)) == 2 and len(notes) == 2
+    assert len(people_of(table)) == 2
+    assert len(notes) == 2
 
 
 def test_a_clock_that_was_set_back_while_people_walked_begins_none():
@@ -92,12 +94,14 @@ def columns(frames: Sequence[int], ids: Sequence[int]) -> dict[str, Sequence[flo
 def test_frames_that_begin_again_are_another_recording(frames, ids):
     with pytest.warns(UserWarning, match="another recording"):
         table = table_of(columns(frames * 2, ids * 2), "t.csv")
-    assert np.unique(table.frame).tolist() == [0, 1, 2, 3] and np.unique(table.track_id).tolist() == [1, 2, 4, 5]
+    assert np.unique(table.frame).tolist() == [0, 1, 2, 3]
+    assert np.unique(table.track_id).tolist() == [1, 2, 4, 5]
 
 
 def test_every_track_of_an_id_has_its_own_where_an_id_is_one_walk():
     table, note = split_paths(concatenate([walkers((1, 4)), walkers((1,), first=150)]))
-    assert np.unique(table.track_id).tolist() == [1, 4, 5] and note
+    assert np.unique(table.track_id).tolist() == [1, 4, 5]
+    assert note
 
 
 def test_people_are_tracks_confirmed_for_half_a_second():
@@ -110,7 +114,8 @@ def test_a_row_of_every_nth_frame_stands_for_n():
 
 
 def test_a_table_tells_how_many_people_it_has():
-    assert "5 rows of 1 people" in repr(walkers((1,), frames=5)) and "of 0 people" in repr(walkers((1,), frames=4))
+    assert "5 rows of 1 people" in repr(walkers((1,), frames=5))
+    assert "of 0 people" in repr(walkers((1,), frames=4))
 
 
 def test_a_single_row_that_is_there_twice_is_refused():

@@ -34,8 +34,10 @@ def axes() -> object:
 def test_path_of_a_person_is_a_line_of_its_positions_with_equal_axes():
     drawn = plot_paths(walkers(), axes())
     line = drawn.get_lines()[0]
-    assert line.get_xydata()[-1] == pytest.approx([0.5, 0.05 * 59]) and line.get_label() == "1"
-    assert drawn.get_aspect() == 1.0 and (drawn.get_xlabel(), drawn.get_ylabel()) == ("x [m]", "y [m]")
+    assert line.get_xydata()[-1] == pytest.approx([0.5, 0.05 * 59])
+    assert line.get_label() == "1"
+    assert drawn.get_aspect() == 1.0
+    assert (drawn.get_xlabel(), drawn.get_ylabel()) == ("x [m]", "y [m]")
 
 
 def test_missing_frames_are_a_gap_in_the_path():
@@ -61,7 +63,8 @@ def test_who_is_confirmed_for_too_short_is_nobody_in_any_plot():
 
 def test_legend_names_twenty_people():
     labels = plot_paths(walkers(people=23), axes()).get_legend_handles_labels()[1]
-    assert len(labels) == NAMED_MAX + 1 and labels[-1] == "3 more"
+    assert len(labels) == NAMED_MAX + 1
+    assert labels[-1] == "3 more"
 
 
 def test_speed_without_velocities_is_that_of_the_positions():
@@ -80,13 +83,15 @@ def test_speeds_drawn_after_slower_ones_are_not_cut_off():
     both = axes()
     plot_speed(walkers(), both)
     plot_speed(replace(walkers(), y_m=3 * walkers().y_m), both)
-    assert both.get_ylim()[0] == 0 and 4.5 < both.get_ylim()[1] < 5.5
+    assert both.get_ylim()[0] == 0
+    assert 4.5 < both.get_ylim()[1] < 5.5
 
 
 def test_counts_are_people_in_every_frame():
     table = walkers(people=2)
     line = plot_counts(table.where((table.track_id == 1) | (table.frame < 30)), axes()).get_lines()[0]
-    assert list(line.get_ydata())[:31:30] == [2, 1] and list(line.get_ydata())[-1] == 0
+    assert list(line.get_ydata())[:31:30] == [2, 1]
+    assert list(line.get_ydata())[-1] == 0
 
 
 def test_density_of_a_person_who_is_always_there_adds_up_to_one():

@@ -26,7 +26,8 @@ def test_petrack_text_in_centimetres_is_read_in_metres(tmp_path):
     path = tmp_path / "cm.txt"
     path.write_text("# framerate: 50 fps\n# id frame x/cm y/cm z/cm markerID\n7 3 -130.147 20 180 999\n")
     file = load_file(path)
-    assert file.fps == 50.0 and (file.table.track_id[0], file.table.frame[0]) == (7, 3)
+    assert file.fps == 50.0
+    assert (file.table.track_id[0], file.table.frame[0]) == (7, 3)
     assert (file.table.x_m[0], file.table.y_m[0], file.table.height_m[0]) == pytest.approx((-1.30147, 0.2, 1.8))
 
 
@@ -72,7 +73,8 @@ def test_rows_without_names_are_taken_as_paths_that_are_smooth(tmp_path, unit, e
     lines = [" ".join([b, a, *more]) + "\n" for a, b, *more in map(str.split, lines)] if exchanged else lines
     with pytest.warns(UserWarning, match=taken):
         table = load_tracks(table_file(tmp_path, "".join(lines)))
-    assert np.unique(table.track_id).tolist() == [1, 2] and table.x_m[0] == pytest.approx(3.0)
+    assert np.unique(table.track_id).tolist() == [1, 2]
+    assert table.x_m[0] == pytest.approx(3.0)
 
 
 VADERE = "#IDXCOL=2,DATACOL=2\npedestrianId simTime endTime-PID1 startX-PID1 startY-PID1\n"
@@ -90,7 +92,8 @@ VADERE = "#IDXCOL=2,DATACOL=2\npedestrianId simTime endTime-PID1 startX-PID1 sta
 )
 def test_tables_of_simulations_are_read(tmp_path, text):
     file = load_file(table_file(tmp_path, text))
-    assert file.fps == pytest.approx(2.5) and file.table.frame.tolist() == [0, 1, 1]
+    assert file.fps == pytest.approx(2.5)
+    assert file.table.frame.tolist() == [0, 1, 1]
     assert (file.table.track_id.tolist(), file.table.x_m.tolist()) == ([1, 1, 2], [1.0, 1.5, 7.0])
 
 
@@ -110,12 +113,14 @@ def test_columns_of_a_table_with_times_for_frames_are_kept(tmp_path):
 
 def test_times_of_a_clock_begin_at_the_first(tmp_path):
     file = load_file(table_file(tmp_path, "id,time,x,y\n1,1700000000.0,0,0\n1,1700000000.1,1,0\n"))
-    assert file.table.frame.tolist() == [0, 1] and file.note == "times begin at 1700000000 s: frame 0 is then"
+    assert file.table.frame.tolist() == [0, 1]
+    assert file.note == "times begin at 1700000000 s: frame 0 is then"
 
 
 def test_footsteps_of_vadere_are_interpolated_to_even_times(tmp_path):
     file = load_file(table_file(tmp_path, VADERE + "1 0.0 0.6 0 0\n1 0.63 1 0.63 0\n1 1.0 1.5 1.0 0\n"))
-    assert file.fps == 10.0 and "interpolated to 10 frames per second" in file.note
+    assert file.fps == 10.0
+    assert "interpolated to 10 frames per second" in file.note
     np.testing.assert_allclose(file.table.x_m, np.arange(11) / 10)
 
 

@@ -66,8 +66,11 @@ def test_collected_tracks_are_those_of_a_round_trip_through_the_file(tmp_path):
     for name in Trajectories.__dataclass_fields__:
         np.testing.assert_array_equal(getattr(collected, name), getattr(read, name), strict=name != "state")
     assert (read.frame[1], read.track_id[1], read.state[1]) == (3, 9, "lost")
-    assert read.facing_deg[1] == -90.0 and np.isnan(read.facing_deg[0])
-    assert (read.x_m[0], read.y_m[0]) == (1.0001, 2.0) and np.isnan(read.height_m[0]) and np.isnan(read.box_px[0]).all()
+    assert read.facing_deg[1] == -90.0
+    assert np.isnan(read.facing_deg[0])
+    assert (read.x_m[0], read.y_m[0]) == (1.0001, 2.0)
+    assert np.isnan(read.height_m[0])
+    assert np.isnan(read.box_px[0]).all()
 
 
 @pytest.mark.parametrize(
@@ -81,7 +84,9 @@ def test_collected_tracks_are_those_of_a_round_trip_through_the_file(tmp_path):
 def test_tables_that_other_programs_write_are_read(tmp_path, name, text):
     (tmp_path / name).write_text(text)
     table = load_tracks(tmp_path / name)
-    assert table.timestamp_s.tolist() == [0.0, 0.1] and table.x_m.tolist() == [2.0, 2.0] and np.isnan(table.y_m[1])
+    assert table.timestamp_s.tolist() == [0.0, 0.1]
+    assert table.x_m.tolist() == [2.0, 2.0]
+    assert np.isnan(table.y_m[1])
 
 
 def test_jupedsim_is_given_where_a_person_faces_or_else_walks(tmp_path):
@@ -284,7 +289,8 @@ def test_damaged_trajectories_are_refused_in_one_sentence(make, tmp_path):
     make(path)
     with pytest.raises(InputError) as refused:
         load_tracks(path)
-    assert str(refused.value).startswith(str(path)) and "\n" not in str(refused.value)
+    assert str(refused.value).startswith(str(path))
+    assert "\n" not in str(refused.value)
 
 
 def test_a_polygon_too_long_for_a_file_name_is_a_region():
@@ -318,7 +324,8 @@ def walking(unit: float = 1.0, people: int = 2, frames: int = 40, heights: float
     ],
 )
 def test_people_of_impossible_size_speed_or_number_are_doubted(table, odd):
-    assert doubt(table).startswith(odd) and bool(doubt(table)) == bool(odd)
+    assert doubt(table).startswith(odd)
+    assert bool(doubt(table)) == bool(odd)
 
 
 def test_doubts_are_said_when_a_table_is_read(tmp_path):
@@ -414,7 +421,8 @@ def walkers_at(*places: tuple[float, float]) -> Trajectories:
 )
 def test_a_region_doubts_tracks_that_do_not_fit_it(wkt, words):
     doubt = Region(wkt, "region=").doubt(walkers_at((1.0, 1.0), (2.0, 2.0)))
-    assert words in doubt and bool(words) == bool(doubt)
+    assert words in doubt
+    assert bool(words) == bool(doubt)
 
 
 def test_a_region_whose_border_crosses_itself_is_refused():

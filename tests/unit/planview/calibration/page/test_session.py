@@ -76,7 +76,8 @@ def test_session_leads_from_step_to_step():
     assert session.message == "click the middle between the feet"
     click(session, (125, 245))
     session.solution = session.solve()
-    assert session.solution.found is None and "2 more people" in session.message
+    assert session.solution.found is None
+    assert "2 more people" in session.message
 
 
 def test_session_takes_a_slip_of_the_hand_for_no_box():
@@ -90,7 +91,8 @@ def test_session_refuses_a_head_far_from_its_box():
     session = new_session()
     session.press(300, 100)
     session.release(350, 250)
-    assert not click(session, (20.0, 20.0), (325.0, 250.0)) and not session.samples
+    assert not click(session, (20.0, 20.0), (325.0, 250.0))
+    assert not session.samples
     assert "no standing person" in session.message
 
 
@@ -103,7 +105,8 @@ def test_undo_takes_back_every_kind_of_change():
     session.undo()
     assert session.samples == [ONE]
     session.undo()
-    assert session.samples == [] and not session.undo()
+    assert session.samples == []
+    assert not session.undo()
 
 
 def test_selected_head_is_moved_by_the_mouse_or_a_key():
@@ -111,9 +114,11 @@ def test_selected_head_is_moved_by_the_mouse_or_a_key():
     session.choose("select")
     session.press(131, 106)
     session.drag(134, 108)
-    assert session.release(134, 108) and session.samples[0].head_px == (133.0, 107.0)
+    assert session.release(134, 108)
+    assert session.samples[0].head_px == (133.0, 107.0)
     session.nudge(0, -1)
-    assert session.samples[0].head_px == (133.0, 106.0) and session.samples[0].foot_px == ONE.foot_px
+    assert session.samples[0].head_px == (133.0, 106.0)
+    assert session.samples[0].foot_px == ONE.foot_px
 
 
 @pytest.mark.parametrize(
@@ -137,7 +142,8 @@ def test_click_selects_people_of_the_frame_shown(frame, selected):
     session = new_session(ONE)
     session.show(frame)
     session.choose("select")
-    assert not click(session, (140.0, 180.0)) and session.selected == selected
+    assert not click(session, (140.0, 180.0))
+    assert session.selected == selected
 
 
 def test_person_asked_for_is_selected():
@@ -195,7 +201,8 @@ def test_loaded_samples_of_another_image_size_are_refused():
 def test_overlay_shows_the_people_of_the_frame_shown(solved):
     svg = overlay(solved)
     assert (svg.count('class="sample"'), svg.count('class="model"'), svg.count('class="crowd"')) == (2, 2, 0)
-    assert 'class="grid"' in svg and "nan" not in svg
+    assert 'class="grid"' in svg
+    assert "nan" not in svg
     assert 'class="crowd"' in overlay(solved, everywhere=True)
 
 
@@ -237,7 +244,8 @@ def test_page_refuses_a_stereo_calibration_for_one_camera(tmp_path):
 def test_every_frame_of_a_video_can_be_shown_one_by_one(video, tmp_path):
     write_frames(tmp_path / "one.avi", [np.full((48, 64, 3), 2 * level, np.uint8) for level in range(100)])
     session = open_session(tmp_path / "one.avi")
-    assert len(session.frames) == 100 and list(session.indices) == list(range(100))
+    assert len(session.frames) == 100
+    assert list(session.indices) == list(range(100))
     for _ in range(57):
         session.show(session.shown + 1)
     assert float(session.frames[session.shown].mean()) == pytest.approx(114, abs=2)
@@ -251,7 +259,9 @@ def test_more_people_are_asked_for_only_where_something_moved(tmp_path):
         picture[100:160, 4 * i : 4 * i + 20] = 220  # somebody walks through the left half
     write_frames(tmp_path / "one.avi", pictures)
     walked = open_session(tmp_path / "one.avi").walked
-    assert walked[130, 60] and not walked[130, 260] and not walked[30, 60]
+    assert walked[130, 60]
+    assert not walked[130, 260]
+    assert not walked[30, 60]
 
 
 FLOOR = np.array([(-1.0, 2.0, 3.0), (1.0, 2.0, 3.0), (0.0, 2.0, 5.0), (1.5, 2.0, 4.0), (-1.5, 2.0, 4.5)])
@@ -262,7 +272,8 @@ LIMIT, DEPTH_STD = np.full(6, 0.06), np.full(6, 0.03)
 def test_points_off_the_plane_are_refused_with_their_height_once_the_others_agree():
     points = np.vstack([FLOOR[:4], [(0.5, 1.6, 4.0)]])
     fit = fit_plane(points, LIMIT[:5], DEPTH_STD[:5])
-    assert fit.used.tolist() == [True, True, True, True, False] and fit.distance_m[4] == pytest.approx(0.4)
+    assert fit.used.tolist() == [True, True, True, True, False]
+    assert fit.distance_m[4] == pytest.approx(0.4)
     assert fit.floor.height_m == pytest.approx(2.0)
     points = np.vstack([[(0.0, 1.0, 3.0)], FLOOR])
     assert fit_plane(points, LIMIT, DEPTH_STD).used.tolist() == [False, True, True, True, True, True]
@@ -270,16 +281,20 @@ def test_points_off_the_plane_are_refused_with_their_height_once_the_others_agre
 
 def test_four_points_on_a_plane_are_enough():
     three, four = (fit_plane(FLOOR[:n], LIMIT[:n], DEPTH_STD[:n]).assessment() for n in (3, 4))
-    assert not three.enough and "fourth" in three.sentence and four.enough
+    assert not three.enough
+    assert "fourth" in three.sentence
+    assert four.enough
 
 
 def test_four_clicks_close_together_are_not_enough():
     close = np.array([(-0.25, 2.0, 3.0), (0.25, 2.0, 3.0), (0.25, 2.0, 3.5), (-0.25, 2.0, 3.5)])
     fit = fit_plane(close, LIMIT[:4], DEPTH_STD[:4])
     verdict = fit.assessment()
-    assert not verdict.enough and "points far from the others" in verdict.sentence
+    assert not verdict.enough
+    assert "points far from the others" in verdict.sentence
     height, tilt, _, _ = fit.rows(fit.floor)
-    assert height.deviation.endswith("(found 2.00 m)") and tilt.value == "90.0°"
+    assert height.deviation.endswith("(found 2.00 m)")
+    assert tilt.value == "90.0°"
     assert float(tilt.deviation.split("°")[0].lstrip("± ")) > 1.0
 
 

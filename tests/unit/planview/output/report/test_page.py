@@ -55,7 +55,8 @@ def pictures(page: str) -> list[bytes]:
 def test_report_of_tracks_alone_shows_paths_density_curves_with_identities(tmp_path):
     write_tracks(tmp_path)
     page = write_report(tmp_path).read_text()
-    assert len(pictures(page)) == 4 and all(picture.startswith(b"\x89PNG") for picture in pictures(page))
+    assert len(pictures(page)) == 4
+    assert all(picture.startswith(b"\x89PNG") for picture in pictures(page))
     assert "No run.json in this folder" in page
 
 
@@ -64,7 +65,8 @@ def test_report_of_boxes_alone_shows_paths_in_the_image_without_a_density(tmp_pa
     header = HEADER.rstrip() + ",left_px,top_px,width_px,height_px\n"
     (tmp_path / "tracks.csv").write_text(header + "".join(rows))
     page = write_report(tmp_path).read_text()
-    assert "<h2>Paths</h2>" in page and "<h2>Density</h2>" not in page
+    assert "<h2>Paths</h2>" in page
+    assert "<h2>Density</h2>" not in page
 
 
 def test_report_of_a_full_run_shows_everything(tmp_path, monkeypatch, shown_by):
@@ -84,14 +86,17 @@ def test_report_of_a_full_run_shows_everything(tmp_path, monkeypatch, shown_by):
     gone, note = "expected the recording of the run, found nothing there", "alone for &lt;2 s"
     for text in ("cannot be decoded", "camera height", "2.50 m", "grid.cell_m", gone, note, "left to right 2", "0.9"):
         assert text in page
-    assert "<b>door" not in page and "<script" not in page
+    assert "<b>door" not in page
+    assert "<script" not in page
 
 
 def test_report_asks_for_nothing_from_outside(tmp_path):
     write_tracks(tmp_path)
     write_run_info(full_info(), tmp_path / "run.json")
     page = write_report(tmp_path).read_text()
-    assert "http://" not in page and "https://" not in page and "interrupted" not in page
+    assert "http://" not in page
+    assert "https://" not in page
+    assert "interrupted" not in page
     assert set(re.findall(r'(?:src|href)="([^:"]*)', page)) == {"data"}
 
 
@@ -176,7 +181,8 @@ def test_errors_are_pictured_in_the_rows_of_their_people():
     error = SignificantError("lost", 5, 7, 3, 0.5, "visible")
     run = SimpleNamespace(tracks=tracks, truth=truth, clock=Clock(tracks, 10.0), people=[3])
     (tracked, true), (plain_tracked, plain_true) = identity_pictures(run, [error]), identity_pictures(run, [])
-    assert tracked == plain_tracked and true.data != plain_true.data
+    assert tracked == plain_tracked
+    assert true.data != plain_true.data
 
 
 def decoded(uri: str) -> U8:
@@ -193,7 +199,8 @@ def test_pictures_are_of_the_busiest_frame(street):
 def test_scores_are_of_these_tracks(street):
     (street / "evaluation.json").write_text('{"mota": 0.123, "significant_errors": {"total": 77}}')
     page = write_report(street).read_text()
-    assert "0.123" not in page and ">77<" not in page
+    assert "0.123" not in page
+    assert ">77<" not in page
 
 
 def test_scene_is_pictured_from_the_recording_opened_again(street):
@@ -202,10 +209,12 @@ def test_scene_is_pictured_from_the_recording_opened_again(street):
     errors = scores.significant
     assert [(error.kind, error.frame) for error in errors] == [("lost", 10)]
     pictures = scene_pictures(results, errors)
-    assert pictures.why_none == "" and pictures.overview[0].title == "Busiest frame"
+    assert pictures.why_none == ""
+    assert pictures.overview[0].title == "Busiest frame"
     assert decoded(pictures.overview[0].data).shape == (480, 640, 3)
     (strip,) = pictures.errors
-    assert strip.is_strip and decoded(strip.data).shape[1] > 4 * decoded(strip.data).shape[0]
+    assert strip.is_strip
+    assert decoded(strip.data).shape[1] > 4 * decoded(strip.data).shape[0]
 
 
 def test_recording_that_is_gone_gives_a_sentence_instead_of_pictures(street):
@@ -232,8 +241,10 @@ def test_report_of_two_runs_prints_the_settings_that_differ(street, tmp_path, sh
     info["config"]["joint"]["stay_s"] = 0.7
     (street / "run.json").write_text(json.dumps(info))
     names = [line.split()[0] for line in shown_by("report", street, other).splitlines()]
-    assert (street / "report.html").is_file() and (other / "report.html").is_file()
-    assert names[0] == "setting" and names[1:] == ["joint.stay_s"]
+    assert (street / "report.html").is_file()
+    assert (other / "report.html").is_file()
+    assert names[0] == "setting"
+    assert names[1:] == ["joint.stay_s"]
 
 
 def test_settings_that_differ_have_all_their_digits():
@@ -250,6 +261,7 @@ def test_every_output_counts_the_same_people(tmp_path):
     tracks = planview.read_tracks(tmp_path / "tracks.csv")
     exported = planview.export(tmp_path, "pedpy", out=tmp_path / "pedpy.txt")
     page = write_report(tmp_path).read_text()
-    assert exported.values["people"] == 2 and "of 2 people" in repr(tracks)
+    assert exported.values["people"] == 2
+    assert "of 2 people" in repr(tracks)
     assert len(planview.plot(tracks).axes[0].get_legend().get_texts()) == 2
     assert page.count("<summary>") == 2
