@@ -200,6 +200,8 @@ class Proof:
         """Add a height by how much of the body shows: a single frame may show somebody else behind a thing."""
         density = body.height_density(height_m, body.HEIGHT_MEAN_M, body.HEIGHT_STD_M, low_share)
         upright = density - low_share / body.HEIGHT_MEAN_M
+        if height_m > body.HEIGHT_MEAN_M:
+            upright += body.LOADED_PER_M
         patches = glimpse.visible_share * glimpse.shown_share * glimpse.patches
         self.height_patches += patches
         self.upright_density += (upright - self.upright_density) * patches / max(self.height_patches, TINY)

@@ -19,7 +19,7 @@ from planview.tracking.explain.person import BORN_LOG_ODDS, Glimpse, Person, sid
 from planview.tracking.explain.tracker import ExplainingTracker, without
 from planview.tracking.joint.ranges import JointParams, hide_outlines, likelihood_of_ranges
 from planview.tracking.kalman import FloorKalman
-from planview.tracking.odds import probability
+from planview.tracking.odds import log_odds, probability
 from planview.trajectories.state import TrackState
 
 LOW_WALKERS = 0.01
@@ -339,12 +339,13 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         moved = person.identity.walk.evidence
         thing = float(np.logaddexp.reduce(-proof.shape)) - math.log(len(proof.shape))
         shape = math.log(2.0) - float(np.logaddexp(0.0, thing))  # half of all things are of any shape
+        by_shape = shape - log_odds(body.THING_SHARE)
         if proof.height_patches == 0.0:
-            return moved + shape + math.log((1 - body.THING_SHARE) / body.THING_SHARE)
+            return moved + by_shape
         low = self.params.low_share / body.HEIGHT_MEAN_M
         walking = proof.upright_density + LOW_WALKERS * low
         density = walking * math.exp(moved) + (1 - LOW_WALKERS) * low
-        return shape + math.log((1 - body.THING_SHARE) * density / (body.THING_SHARE / body.HEIGHT_MEAN_M))
+        return by_shape + math.log(density * body.HEIGHT_MEAN_M)
 
 
 def _in_the_place_of(i: int, people: People) -> int:

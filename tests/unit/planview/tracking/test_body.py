@@ -90,4 +90,4 @@ def test_a_flat_thing_is_narrow_from_its_edge():
 
 def test_nothing_is_below_a_carried_thing():
     level = thing_tables()[-2].cover[0, 6]
-    assert level[:, : level.shape[1] // 2].max() < 0.01
+    assert level[:, :44].max() < 0.01

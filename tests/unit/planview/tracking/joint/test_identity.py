@@ -14,7 +14,7 @@ from planview.tracking.explain.clothes import Clothes, stranger_colours
 from planview.tracking.explain.explanation import Explanation, upright_pose
 from planview.tracking.explain.facing import Gait, Stance
 from planview.tracking.explain.identity import Exchanges, _log_odds
-from planview.tracking.explain.person import Glimpse, Person, Sighting, Stature
+from planview.tracking.explain.person import Glimpse, Person, Proof, Sighting, Stature
 from planview.tracking.joint import JointTracker
 from planview.tracking.joint.ranges import JointParams
 from planview.tracking.kalman import FloorKalman
@@ -65,6 +65,12 @@ def test_one_tall_frame_does_not_make_a_person_of_a_low_thing():
 
 def test_somebody_just_born_is_as_likely_as_not():
     assert JointTracker()._confidence(seen_at(upright_pose((0.0, 3.0, 1.7)))) == pytest.approx(0.5 * 0.9)
+
+
+def test_somebody_may_carry_something_above_the_head():
+    proof = Proof()
+    proof.count_height(2.1, Glimpse(0.0, 1.0, patches=20.0), 0.1)
+    assert proof.upright_density > 0.05
 
 
 def test_who_walks_out_is_expected_ahead_or_back_in_the_door():

@@ -76,7 +76,7 @@ def test_what_moves_by_a_metre_is_a_person_when_tall(height_m, people):
 
 
 @pytest.mark.parametrize("height_m", [0.9, 1.05, 1.3, 1.75])
-@pytest.mark.parametrize("width", range(1, 6))
+@pytest.mark.parametrize("width", [1, 2, 4, 5])
 def test_a_pushed_box_is_no_person_of_any_height(height_m, width):
     table = body.thing_tables()[width]
     frames = follow(lambda t: [(min(-1.0 + 0.8 * t, 1.0), 3.2, height_m)], 4.0, table=table)
