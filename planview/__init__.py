@@ -16,7 +16,7 @@ print(planview.evaluate(tracks, "data/synthetic/demo/truth.csv").mota)
 """
 
 import re
-from importlib import import_module, metadata
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -45,7 +45,9 @@ _refuse_hidden()
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        return metadata.version("planview")
+        from importlib.metadata import version  # brings the mail package
+
+        return version("planview")
     if name not in _HOME_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     home = import_module(_HOME_OF[name])
