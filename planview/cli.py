@@ -14,7 +14,6 @@ import threading
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
-from importlib.metadata import version
 from pathlib import Path
 from textwrap import dedent
 from typing import TYPE_CHECKING, Literal, TextIO
@@ -50,8 +49,9 @@ def make_app(words: Sequence[str] = ()) -> App:
     app = App(
         name="planview",
         help="Stereo depth plan-view people tracking.",
+        help_format="plaintext",  # reading Markdown takes a twentieth of a second
         help_epilogue="Exit status: 0 done, 1 the work failed, 2 wrong usage or bad input, 130 interrupted.",
-        version=lambda: version("planview"),
+        version=lambda: import_module("planview").__version__,
         version_flags=["--version", "-v"],
         group_parameters="Options",
         default_parameter=Parameter(negative_iterable=(), show_default=_default),
@@ -122,7 +122,7 @@ def _help_of(target: str) -> dict[str, str]:
         # What is indented is shown as it stands, one line is a command that may be wrapped.
         shown = dedent(text) if text.startswith("\n") else " ".join(text.split())
         lines += [f"# {what}"] * bool(what) + [shown.strip("\n")]
-    epilogue = "\n".join(["Examples:", "```text", *lines, "```"])
+    epilogue = "\n".join(["Examples:", *lines])
     return {"usage": usage_of(function, name), "help": "\n\n".join(prose), "help_epilogue": epilogue}
 
 

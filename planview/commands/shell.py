@@ -146,6 +146,7 @@ def _help(function: Callable[..., Any], show: Callable[[Call], object]) -> str:
     """The docstring of a function with options in place of arguments and examples of the command in place of Python."""
     doc = inspect.getdoc(function) or ""
     doc = re.sub(r"```python\n.*?```\n", f"{inspect.getdoc(show) or ''}\n", doc, flags=re.DOTALL)
+    doc = re.sub(r"\n {8}", " ", doc)
     doc = re.sub(r"\s+In\s+Python\b.*?(?=\n+\s*\w+: |\n\n|$)", "", doc, flags=re.DOTALL)
     return re.sub(r"``(\w+)``", lambda word: option_of(word[1]), doc)
 
