@@ -341,11 +341,10 @@ def _search(left: U8, right: U8, point: F32, span: tuple[int, int], search_px: i
     if strip.shape[0] <= patch.shape[0] + 2 or strip.shape[1] <= patch.shape[1] + 2:
         return nothing
     score = cv2.matchTemplate(strip, patch, cv2.TM_CCOEFF_NORMED)
-    row, col = np.unravel_index(int(np.argmax(score)), score.shape)
-    best = float(score[row, col])
+    _, best, _, (col, row) = cv2.minMaxLoc(score)
     if best < _SIMILARITY_MIN or row in (0, score.shape[0] - 1) or col in (0, score.shape[1] - 1):
         return nothing
     score[max(0, row - 3) : row + 4, max(0, col - 3) : col + 4] = -1.0
-    if float(score.max()) > 0.5 * (1.0 + best) - 0.02:
+    if cv2.minMaxLoc(score)[1] > 0.5 * (1.0 + best) - 0.02:
         return nothing
     return float(start + col + _PATCH) + float(point[0]) - u, float(top + row + _PATCH) + float(point[1]) - v
