@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -140,7 +140,7 @@ _DEFAULTS = AnalyticsParams()
 
 def count(
     tracks: Trajectories | DataFrame | Path | str,
-    rules: Rules | Path | str,
+    rules: Rules | Mapping[str, Any] | Path | str,
     *,
     camera: Path | str | None = None,
     rig: Path | str | None = None,
@@ -167,7 +167,7 @@ def count(
 
     Args:
         tracks: tracks.csv of a run, the folder of the run, or trajectories in a format of planview export.
-        rules: rules.toml with tripwires, zones (in metres or in pixels) and queues.
+        rules: rules.toml with tripwires, zones (in metres or in pixels) and queues. In Python also a dict of the same.
         camera: camera.toml that relates the pixels of rules to the floor.
         rig: Calibration of a stereo rig, with world.toml next to it, for the same.
         truth: True positions (truth.csv, gt.txt) or true events (as events.csv) to score the counts against.
@@ -197,7 +197,7 @@ def count(
     found = limit(file, region, ignore).table
     clock = Clock(file.table, fps or (run.info.fps if run else None))
     plane = rules_files.plane_of(path_of(camera), path_of(rig)) or (run.rule_plane if run else RulePlane())
-    placed = rules if isinstance(rules, Rules) else rules_files.load_rules(Path(rules), plane)
+    placed = rules if isinstance(rules, Rules) else rules_files.load_rules(rules, plane)
     for doubt in (unfinished_note(path) if path else "", placed.unknown_size_note, placed.far_rule_note(found)):
         warn_of(doubt)
     n_frames = run.n_frames if run else int(file.table.frame.max(initial=-1)) + 1
@@ -242,7 +242,7 @@ def load_rules(path: Path | str, run: Path | str | None = None) -> Rules:
     Raises:
         InputError: a file that cannot be read, or a rule outside the view.
     """
-    return rules_files.load_rules(Path(path), RunFolder(Path(run)).rule_plane if run else None)
+    return rules_files.load_rules(path, RunFolder(Path(run)).rule_plane if run else None)
 
 
 def _write_counts(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -129,11 +130,11 @@ def problem_of(polygon: F64) -> str:
 def plane_of(camera: Path | None, rig: Path | None) -> RulePlane | None:
     """The plane of a camera above the floor, or of a rig with a world.toml in its folder; None of neither. Raises
     InputError: both, or a file that cannot be read."""
-    if camera is not None and rig is not None:
+    if camera and rig:
         raise InputError("a camera and a rig cannot be combined")
-    if camera is not None:
+    if camera:
         return RulePlane(load_one_camera(camera))
-    return None if rig is None else _stereo_plane(rig)
+    return _stereo_plane(rig) if rig else None
 
 
 def _stereo_plane(rig_path: Path) -> RulePlane:
@@ -312,14 +313,16 @@ class Rules:
         return replace(self, tripwires=wires, zones=zones)
 
 
-def load_rules(path: Path, plane: RulePlane | None = None) -> Rules:
-    """Read ``rules.toml``; pixels stay pixels without a camera in ``plane``. Raises InputError: unreadable, empty, a
-    key or value that does not belong, duplicate names, a line of zero length or outside the view, a polygon that
-    crosses itself or has no area, a queue of an unknown zone."""
-    return parse_rules(load_toml(path, "a rules.toml"), plane or RulePlane(), str(path))
+def load_rules(rules: Mapping[str, Any] | Path | str, plane: RulePlane | None = None) -> Rules:
+    """Read ``rules.toml``, or tables as it has them; pixels stay pixels without a camera. Raises InputError:
+    unreadable, empty, a key or value that does not belong, duplicate names, a line of zero length or outside the view,
+    a polygon that crosses itself or has no area, a queue of an unknown zone."""
+    if isinstance(rules, Mapping):
+        return parse_rules(rules, plane or RulePlane(), "rules=")
+    return parse_rules(load_toml(Path(rules), "a rules.toml"), plane or RulePlane(), str(rules))
 
 
-def parse_rules(data: dict[str, Any], plane: RulePlane, source: str) -> Rules:
+def parse_rules(data: Mapping[str, Any], plane: RulePlane, source: str) -> Rules:
     """Rules from the content of a rules.toml (same errors as ``load_rules``)."""
     if not data:
         raise InputError(f"{source}: expected at least one [[tripwire]] or [[zone]], found an empty file")

@@ -187,10 +187,10 @@ UNITS = (
     _about_truth("'s unit is millimetres", "give metres", _lay(0.001)),
     _about_tracks("' unit is centimetres", "give metres", _lay(0.01)),
 )
-FORMS: dict[str, Undo] = {
+FORMS = {
     "given by their middle": _change_boxes(lambda middle, size: (middle - size / 2, size)),
     "given by the middle of their lower edge": _change_boxes(lambda foot, size: (foot - size * [0.5, 1.0], size)),
-    "given by two corners": _change_boxes(lambda first, last: (first, last - first)),
+    "of images half as large": _change_boxes(lambda first, size: (2 * first, 2 * size)),
 }
 BOXES = [
     about(f"{whose} boxes are {form}", "give left, top and size of people", undo)

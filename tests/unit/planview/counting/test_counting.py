@@ -54,7 +54,7 @@ def test_rules_keep_metres_as_they_are(tmp_path):
 
 def test_zone_may_repeat_its_first_point():
     zone = {"name": "z", "polygon_m": [[0, 0], [2, 0], [2, 2], [0, 2], [0, 0]]}
-    assert len(parse_rules({"zone": [zone]}, RulePlane(), "r").zones[0].points) == 4
+    assert len(load_rules({"zone": [zone]}).zones[0].points) == 4
 
 
 def test_zone_may_surround_the_whole_view():

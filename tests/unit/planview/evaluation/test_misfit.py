@@ -95,9 +95,9 @@ def with_boxes(first: Callable[[F64, F64], F64], size: Callable[[F64, F64], F64]
     [
         (with_boxes(lambda a, s: a + s / 2, lambda a, s: s), "given by their middle"),
         (with_boxes(lambda a, s: a + s * [0.5, 1.0], lambda a, s: s), "given by the middle of their lower edge"),
-        (with_boxes(lambda a, s: a, lambda a, s: a + s), "given by two corners"),
+        (with_boxes(lambda a, s: a / 2, lambda a, s: s / 2), "of images half as large"),
     ],
-    ids=["middle", "foot", "corners"],
+    ids=["middle", "foot", "half"],
 )
 def test_a_form_of_boxes_is_named_in_either_table(changed, form):
     assert named_by(changed, TRUTH, on_floor=False) == f"the truth's boxes are {form}"
