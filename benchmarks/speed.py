@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from copy import deepcopy
 from functools import partial, singledispatch
 from itertools import islice
 from pathlib import Path
@@ -17,7 +18,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import cv2
-import numpy as np
 import pandas
 
 from benchmarks.options import Report, Row, benchmark, progress, tables
@@ -87,40 +87,35 @@ def speed(
         bare = bare_rows(engine, decoded)
     progress("tables and report of a run")
     written = output_rows(engine, decoded)
-    return tables(stages=stage_rows(on_all, on_one), people=people_rows(on_all, on_one), bare=bare, output=written)
+    return tables(stages=stage_rows(on_all, on_one), people=people_rows(on_one), bare=bare, output=written)
 
 
 def time_frames(engine: Engine, frames: Sequence[Any]) -> pandas.DataFrame:
-    """Times of the engine and its stages [ms] and confirmed people, a row per frame after SETTLED_FRAMES, or in the
-    second half of a short clip."""
+    """Times of the engine, its stages and its tracker alone [ms] and confirmed people, a row per frame after
+    SETTLED_FRAMES, or in the second half of a short clip."""
     engine.reset()
+    tracker = deepcopy(engine.tracker)
     rows = []
     for frame in frames:
         start_s = time.perf_counter()
         result = engine.step(frame)
         spent_ms = 1e3 * (time.perf_counter() - start_s)
         people = sum(track.state == "confirmed" for track in result.tracks)
-        rows.append({"all": spent_ms, **result.stages_ms, "people": people})
+        tracker_ms = _processor_ms(partial(tracker.update, result.observation))
+        rows.append({"all": spent_ms, **result.stages_ms, "people": people, "tracker": tracker_ms})
     return pandas.DataFrame(rows[min(SETTLED_FRAMES, len(rows) // 2) :])
 
 
 def stage_rows(on_all: pandas.DataFrame, on_one: pandas.DataFrame) -> list[Row]:
     """Median time of the engine and of each stage."""
-    names = ["all", *(name for name in STAGES if name in on_all)]
-    return [_time_row({"stage": name}, on_all[name], on_one[name]) for name in names]
+    medians = pandas.DataFrame({"ms, all cores": on_all.median(), "ms, one core": on_one.median()})
+    return [{"stage": name, **medians.loc[name]} for name in ("all", *STAGES) if name in on_all]
 
 
-def people_rows(on_all: pandas.DataFrame, on_one: pandas.DataFrame) -> list[Row]:
-    """Median time of the engine, and of its tracker, by number of people, which is the same in both."""
-    rows = []
-    for people, part in on_all.groupby("people"):
-        row = _time_row({"people": people, "frames": len(part)}, part["all"], on_one.loc[part.index, "all"])
-        rows.append(row | {"track, ms": float(part["track"].median())})
-    return rows
-
-
-def _time_row(names: Row, on_all: pandas.Series[float], on_one: pandas.Series[float]) -> Row:
-    return names | {"ms, all cores": float(np.median(on_all)), "ms, one core": float(np.median(on_one))}
+def people_rows(times: pandas.DataFrame) -> list[Row]:
+    """Mean processor time of the tracker by number of people."""
+    by_people = times.groupby("people")["tracker"]
+    return [{"people": people, "frames": len(part), "tracker, ms": part.mean()} for people, part in by_people]
 
 
 class BareStereo:
@@ -182,16 +177,9 @@ def bare_rows(engine: Engine, frames: Sequence[Frame[Shot]]) -> list[Row]:
         for name, stereo in bare.items():
             row[name] = _processor_ms(partial(stereo, *frame.images))
         rows.append(row)
-    medians = pandas.DataFrame(rows[SETTLED_FRAMES:] or rows).median()
-    ours_ms = float(medians["engine"])
-    return [
-        {
-            "bare stereo": name,
-            "ms": float(medians[name]),
-            "ratio": ours_ms / float(medians[name]),
-        }
-        for name in bare
-    ]
+    medians = pandas.DataFrame(rows[SETTLED_FRAMES:] or rows).median().to_dict()
+    ours_ms = medians["engine"]
+    return [{"bare stereo": name, "ms": medians[name], "ratio": ours_ms / medians[name]} for name in bare]
 
 
 def output_rows(engine: Engine, frames: Sequence[Frame[Shot]]) -> list[Row]:
@@ -202,13 +190,12 @@ def output_rows(engine: Engine, frames: Sequence[Frame[Shot]]) -> list[Row]:
         report_ms = _processor_ms(partial(write_report, out))
         files = RunTables(Path(name), events=False)
         engine.reset()
-        tables_ms = []
+        tables_ms = 0.0
         for frame in frames:
-            result = engine.step(frame)
-            tables_ms.append(_processor_ms(partial(files.add, result, ())))
+            tables_ms += _processor_ms(partial(files.add, engine.step(frame), ()))
         files.close()
     return [
-        {"output": "tables, a frame", "ms": float(np.mean(tables_ms))},
+        {"output": "tables, a frame", "ms": tables_ms / len(frames)},
         {"output": "report, a run", "ms": report_ms},
     ]
 
