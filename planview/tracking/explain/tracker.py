@@ -168,7 +168,7 @@ class ExplainingTracker(Carried, Generic[P, Q]):
         newcomer, before, log_odds = match
         was = newcomer.track_id
         newcomer.swap_identity(before)
-        newcomer.proof.spent = {}
+        newcomer.proof = before.proof
         gone_s = newcomer.first_seen.time_s - before.last_seen.time_s
         self._life.recognise(newcomer, was, f"log-odds {log_odds:.1f} after {gone_s:.1f} s", log_odds)
         self._departed = without(self._departed, before)

@@ -284,6 +284,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             noise = newcomer.kalman.covariance[:2, :2]
             newcomer.kalman = before[i].correct_to(newcomer.pose[:2], noise)
             newcomer.log_odds = person.log_odds
+            newcomer.proof = person.proof
             newcomer.confirmed = True
             newcomer.swap_identity(person)
             self._people[i] = newcomer
