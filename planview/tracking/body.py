@@ -117,11 +117,9 @@ def log_odds_same_place(gone_s: float, away_m: float, back_m: float, floor_m2: f
         floor_m2: size of the floor.
     """
     spread_m = min(SEEN_STD_M + WANDER_MPS * (gone_s - walking_on_s(gone_s)), math.sqrt(floor_m2) / 2)
-    anywhere = 4.0 * spread_m**2 / floor_m2
-    near = math.exp(-0.5 * (away_m / spread_m) ** 2) / (2 * math.pi * spread_m**2)
-    door = math.exp(-0.5 * (back_m / DOOR_STD_M) ** 2) / (2 * math.pi * DOOR_STD_M**2)
-    ahead = (1.0 - anywhere) * floor_m2 * near + anywhere
-    return math.log(max((1.0 - COMES_BACK) * ahead + COMES_BACK * floor_m2 * door, 1e-9))
+    ahead = (1.0 - COMES_BACK) / spread_m**2 * math.exp(-0.5 * (away_m / spread_m) ** 2)
+    back = COMES_BACK / DOOR_STD_M**2 * math.exp(-0.5 * (back_m / DOOR_STD_M) ** 2)
+    return math.log(max(floor_m2 * (ahead + back) / (2 * math.pi), 1e-9))
 
 
 def log_odds_same_height(

@@ -23,10 +23,12 @@ PART_PIXELS_MIN = 5
 """A part of the body with no more pixels than this shows no colour."""
 PART_MAX = 2.0
 """Largest evidence of the colours of one part of a body, as log-odds: light differs within a room."""
-UNLIKE_SELF = 0.07
-UNLIKE_STRANGER = 0.35
-"""How unlike the colours of a part are, as -ln of the Bhattacharyya coefficient, on average: of one person who comes
-back in other light and another pose, and of two people where nobody else has been seen (real and rendered people)."""
+PART_SAMPLES = 10.0
+"""Independent samples that the colours of a part are worth when people are recognised (our choice)."""
+OTHERS_SHARE = 0.8
+"""Share of the others seen so far in the colours of a stranger; the rest is any colour alike."""
+DOUBT_FRAMES = 0.5
+"""Weight of a stranger's colours compared with those seen of a person: one frame shows most of the clothes."""
 
 
 @dataclass(eq=False)
@@ -57,23 +59,40 @@ class Clothes:
         mass = self.histograms @ SMOOTHING + PRIOR_FRAMES / CODES
         self.densities = mass / mass.sum(axis=1, keepdims=True)
 
-    def log_odds_same(self, other: Clothes, others: Sequence[Clothes]) -> float:
+    def log_odds_same(self, other: Clothes, stranger: F64) -> float:
         """Log-odds that two tracks show the clothes of one person rather than of two; 0 where there are none.
 
-        How unlike two people are is exponential about the mean that one person has with himself, or that both have with
-        the others seen so far.
+        The overlap of their colours is compared with that of either with the colours of a stranger (PARTS, CODES).
         """
-        wardrobe = [self, other, *others]
-        histograms = np.array([clothes.histograms for clothes in wardrobe], np.float64) @ SMOOTHING
-        frames = histograms.sum(axis=2)
-        roots = np.sqrt(histograms / np.maximum(frames, TINY)[:, :, None])
-        unlike = -np.log(np.maximum(np.einsum("ipc,jpc->ijp", roots[:2], roots), TINY))
-        seen = frames > 0
-        to_others = np.where(seen[2:], unlike[:, 2:].mean(axis=0), 0.0)
-        usual = (UNLIKE_STRANGER + to_others.sum(axis=0)) / (1 + seen[2:].sum(axis=0))
-        usual = np.maximum(usual, UNLIKE_SELF)
-        log_odds = np.log(usual / UNLIKE_SELF) - unlike[0, 1] * (1 / UNLIKE_SELF - 1 / usual)
-        return float(np.clip(log_odds, -PART_MAX, PART_MAX)[seen[0] & seen[1]].sum())
+        own_colours, own_weight = self._blend(stranger)
+        other_colours, other_weight = other._blend(stranger)
+        samples = PART_SAMPLES * (own_weight * other_weight)
+        both = _log_overlap(own_colours, other_colours)
+        apart = 0.5 * (_log_overlap(own_colours, stranger) + _log_overlap(other_colours, stranger))
+        return float(np.clip(samples * (both - apart), -PART_MAX, PART_MAX).sum())
+
+    def _blend(self, stranger: F64) -> tuple[F64, F64]:
+        """(PARTS, CODES) shares of the colours, and (PARTS,) how much of them was seen; the rest is a stranger's."""
+        seen = self.histograms @ SMOOTHING
+        frames = seen.sum(axis=1)
+        colours = (seen + DOUBT_FRAMES * stranger) / (frames[:, None] + DOUBT_FRAMES)
+        return colours, frames / (frames + DOUBT_FRAMES)
+
+
+def _log_overlap(one: F64, other: F64) -> F64:
+    """(PARTS,) logarithm of the Bhattacharyya coefficient of two (PARTS, CODES) densities."""
+    return np.asarray(np.log(np.sqrt(one * other).sum(axis=1)))
+
+
+def stranger_colours(others: Sequence[Clothes]) -> F64:
+    """(PARTS, CODES) shares of the colours of a stranger, who dresses as the others seen so far."""
+    histograms = np.array([clothes.histograms for clothes in others], np.float64).reshape(-1, PARTS, CODES)
+    seen = histograms @ SMOOTHING
+    frames = seen.sum(axis=2, keepdims=True)
+    wearers = (frames > 0).sum(axis=0)
+    mean = (seen / np.maximum(frames, TINY)).sum(axis=0) / np.maximum(wearers, 1)
+    share = OTHERS_SHARE * (wearers > 0)
+    return np.asarray(share * mean + (1.0 - share) / CODES)
 
 
 def colour_counts(n: int, owner: I64, heights: F64 | F32, codes: U8) -> F32:

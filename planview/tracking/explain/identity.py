@@ -12,7 +12,7 @@ import numpy as np
 from calib.carried import Carried
 from calib.types import F32, F64
 from planview.tracking import body
-from planview.tracking.explain.clothes import PART_MAX, colour_ratios, owned_colours
+from planview.tracking.explain.clothes import PART_MAX, colour_ratios, owned_colours, stranger_colours
 from planview.tracking.explain.explanation import Owners
 from planview.tracking.explain.params import PeopleParams
 from planview.tracking.explain.person import Person
@@ -23,8 +23,7 @@ CONTACT_M = 0.7
 """People nearer than this may be confused [m]: a body, and an arm's movement."""
 KNOWN_LOG_ODDS = 3.0
 """Log-odds from which a newcomer is somebody seen before: one error in twenty. Between 0 and this more evidence is
-awaited, and from its negative on until head and clothes have been seen; whoever still has no more then is a
-stranger."""
+awaited; whoever still has no more then is a stranger."""
 EXCHANGED_LOG_ODDS = 6.0
 """Log-odds at which two people exchange identities: one error in 400."""
 P = TypeVar("P", bound=Person)
@@ -115,8 +114,8 @@ def _swap_gain(own: F32, other: F32, seen: F64, patches: float) -> float:
 def match_newcomers(
     newcomers: Sequence[P], seen_before: Sequence[P], everybody: Sequence[P], floor_m2: float, low_share: float
 ) -> list[Match[P]]:
-    """Match newcomers to people seen before: the best joint assignment, and of the other newcomers those who may still
-    turn out to be somebody seen before.
+    """Match newcomers to people seen before: the best joint assignment, and of the other newcomers those who would be
+    likely to be somebody seen before if they turned out to be as tall.
 
     Args:
         everybody: seen so far, in whose clothes strangers come.
@@ -130,13 +129,20 @@ def match_newcomers(
         for j, person in enumerate(seen_before):
             odds[i, j] = _log_odds(person, newcomer, everybody, floor_m2, low_share)
     best = best_pairs(np.maximum(odds, 0.0))
+    own_heights = np.array([_own_height(person, low_share) for person in seen_before])
     for i, newcomer in enumerate(newcomers):
-        likeliest = int(odds[i].argmax())
-        shows = newcomer.glimpse.head_in_view and newcomer.identity.clothes.distinguish
-        least = 0.0 if shows else -KNOWN_LOG_ODDS
-        if odds[i, likeliest] > least:
+        at_most = odds[i] if newcomer.glimpse.head_in_view else odds[i] + own_heights
+        likeliest = int(np.argmax(at_most))
+        if at_most[likeliest] > 0.0:
             best.setdefault(i, likeliest)
     return [Match(newcomers[i], seen_before[j], float(odds[i, j])) for i, j in best.items()]
+
+
+def _own_height(person: Person, low_share: float) -> float:
+    """Log-odds that a person's own height, once it is measured of a newcomer, adds to those of being that person: much
+    for somebody very tall or short, and little for somebody as tall as most."""
+    stature = person.identity.stature
+    return body.log_odds_same_height(stature.mean_m, body.HEIGHT_STD_M, stature.mean_m, stature.std_m, low_share)
 
 
 def _log_odds(
@@ -154,9 +160,9 @@ def _log_odds(
     ahead_m = x_m + ahead_s * vx_mps, y_m + ahead_s * vy_mps
     odds = body.log_odds_same_place(gone_s, math.dist(ahead_m, came_m), back_m, floor_m2)
     others = [other.identity.clothes for other in everybody if other is not person and other is not newcomer]
-    odds += person.identity.clothes.log_odds_same(newcomer.identity.clothes, others)
+    odds += person.identity.clothes.log_odds_same(newcomer.identity.clothes, stranger_colours(others))
     if not newcomer.glimpse.head_in_view:
         return odds
-    before = person.identity.stature
-    now = newcomer.identity.stature
-    return odds + body.log_odds_same_height(now.mean_m, now.std_m, before.mean_m, before.std_m, low_share)
+    stature = person.identity.stature
+    std_m = max(math.sqrt(newcomer.height_var), body.HEIGHT_STD_M)  # newcomers show in part at first
+    return odds + body.log_odds_same_height(newcomer.height_m, std_m, stature.mean_m, stature.std_m, low_share)

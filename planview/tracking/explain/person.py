@@ -329,11 +329,12 @@ class Person:
     def will_show_more(self, now_s: float, coloured: bool) -> bool:
         """True while the head or, where images are ``coloured``, the clothes will soon show who this is, or while more
         than half of the body and the head are outside."""
+        soon = now_s - self.first_seen.time_s - self.blind_s < SHOWS_S
         head_hidden = not self.glimpse.head_in_view
-        if now_s - self.first_seen.time_s - self.blind_s < SHOWS_S:
-            return coloured or head_hidden
+        if soon and head_hidden:
+            return True
         cut_off = head_hidden and self.glimpse.inside_share < 0.5
-        return cut_off and not self.identity.clothes.distinguish
+        return not self.identity.clothes.distinguish and (cut_off or (soon and coloured))
 
     def swap_identity(self, other: Person) -> None:
         """Exchange identities with another person: both stay where they are."""

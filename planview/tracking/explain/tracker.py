@@ -128,15 +128,14 @@ class ExplainingTracker(Carried, Generic[P, Q]):
 
     # -- identities, births, deaths ---------------------------------------------------------------------------------
     def _learn_colours(self, owners: Sequence[Owners], apart: Sequence[bool], dt_s: float) -> None:
-        """Learn the colours of people who cannot have been exchanged: newcomers, and those who touch nobody; undo
-        exchanged identities."""
+        """Learn the colours of people who touch nobody, and undo exchanged identities."""
         counts = np.zeros((len(self._people), PARTS, CODES), np.float32)
         for in_view in owners:
             sure = (in_view.share > 0.8) & (in_view.owner >= 0)
             owner = in_view.owner[sure]
             counts += colour_counts(len(self._people), owner, in_view.height[sure], in_view.colours[sure])
         for person, seen, alone in zip(self._people, counts, apart, strict=True):
-            if person.glimpse.visible_share >= 0.5 and (alone or not person.confirmed):
+            if person.glimpse.visible_share >= 0.5 and alone:
                 person.identity.clothes.learn(seen)
         for one, other, log_odds in self._exchanges.update(self._people, owners, dt_s):
             one.swap_identity(other)

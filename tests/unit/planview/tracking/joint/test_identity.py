@@ -10,11 +10,11 @@ from toy_people import look_at, oblique_camera
 
 from planview.maps.view import CODES
 from planview.tracking import body
-from planview.tracking.explain.clothes import Clothes
+from planview.tracking.explain.clothes import Clothes, stranger_colours
 from planview.tracking.explain.explanation import Explanation, upright_pose
 from planview.tracking.explain.facing import Gait, Stance
 from planview.tracking.explain.identity import Exchanges, _log_odds
-from planview.tracking.explain.person import Glimpse, Person, Proof, Sighting
+from planview.tracking.explain.person import Glimpse, Person, Proof, Sighting, Stature
 from planview.tracking.joint import JointTracker
 from planview.tracking.joint.ranges import JointParams
 from planview.tracking.kalman import FloorKalman
@@ -89,27 +89,18 @@ def test_who_walks_out_is_expected_ahead_or_back_in_the_door():
     assert ahead > back > 2.0 > 0.0 > behind
 
 
-def test_clothes_of_a_newcomer_are_learned_next_to_others():
-    tracker, known, found = JointTracker(), newcomer(1, 0.0, 0.0, 8.0), newcomer(-1, 0.5, 0.0, 8.0)
-    tracker._people, known.confirmed = [known, found], True
-    half = np.arange(20) % 2
-    tracker._learn_colours(
-        [SimpleNamespace(share=np.ones(20), owner=half, height=half, colours=half)], [False] * 2, 0.1
-    )
-    assert (known.identity.clothes.frames, found.identity.clothes.frames) == (0, 1)
-
-
 def test_clothes_tell_people_apart_as_far_as_others_do_not_wear_them():
     def dressed(code):
         clothes = Clothes()
         clothes.histograms[:, code] = 5.0
         return clothes
 
-    black, white = dressed(0), dressed(CODES - 1)
-    assert black.log_odds_same(black, [white]) == pytest.approx(6.0)  # the most of three parts
-    assert black.log_odds_same(black, [black] * 9) == pytest.approx(0.0)
-    assert black.log_odds_same(white, [white]) == pytest.approx(-6.0)
-    assert black.log_odds_same(Clothes(), [white]) == 0.0
+    black, white = 0, CODES - 1
+    blacks, whites = stranger_colours([dressed(black)]), stranger_colours([dressed(white)])
+    assert dressed(black).log_odds_same(dressed(black), whites) == pytest.approx(6.0)  # the most of three parts
+    assert dressed(black).log_odds_same(dressed(black), blacks) < 3.0
+    assert dressed(black).log_odds_same(dressed(white), whites) == pytest.approx(-6.0)
+    assert dressed(black).log_odds_same(Clothes(), whites) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_newcomer_who_may_be_somebody_known_has_no_id_before_the_clothes_have_been_seen():
@@ -134,11 +125,16 @@ def test_somebody_whose_head_is_out_of_view_is_no_stranger():
     assert legs.confirmed and legs.track_id == 1
 
 
-def test_nobody_is_a_stranger_before_the_head_shows():
+@pytest.mark.parametrize(("tall_m", "confirmed"), [(1.9, False), (1.7, True)])
+def test_before_the_head_shows_nobody_is_a_stranger_who_may_be_as_tall_as_somebody_who_left(tall_m, confirmed):
     gone, feet = newcomer(7, 0.0, 0.0, 8.0), newcomer(-1, 1.8, 2.0, 8.0)
+    gone.identity.stature = Stature(tall_m, 0.02**2)
+    see(feet, inside_share=0.9)
     feet.identity.clothes.frames = 5  # clothes that say nothing
+    assert -1.0 < _log_odds(gone, feet, [], 20.0, 0.1) < -0.5  # a height of 1.9 m adds 1.0, one of 1.7 m 0.4
     tracker = recognising([gone], [feet], 2.5)
-    assert not feet.confirmed
+    assert feet.confirmed == confirmed
+    feet.height_m = 1.7
     see(feet, head_in_view=True)
     tracker._recognise(coloured=True)
     assert feet.confirmed
