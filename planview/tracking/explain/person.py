@@ -187,9 +187,9 @@ class Proof:
             fresh[spent > 0] = 0
             side = max(1, round(OUTLINE_PATCHES / math.sqrt(per_pixel)))
             square = np.ones((side, side), np.uint8)
-            fresh = np.asarray(cv2.morphologyEx(fresh, cv2.MORPH_OPEN, square), np.uint8)
-            new_patches += per_pixel * cv2.countNonZero(fresh)
-            spent |= fresh
+            solid = np.asarray(cv2.morphologyEx(fresh, cv2.MORPH_OPEN, square), np.uint8)
+            new_patches += per_pixel * cv2.countNonZero(solid)
+            spent |= fresh if first else solid  # the search has spent outlines too
         new_share = min(new_patches / max(glimpse.patches, 1.0), 1.0)
         if first:
             return body.FIRST_SHARE * new_share
