@@ -170,8 +170,13 @@ def _try_person(
     start, stature, ratios = trial.person(n)
     samples = frame.samples_around(start, body.TORSO.torso_radius_m + 0.15)
     samples.lay_others(trial, np.flatnonzero(frame.share_rays(trial.poses)[n, :n]))
-    pose = upright_pose((*place, top_m))
-    evidence, _ = samples.ascend(pose, start, SEARCH_PRIOR, stature, ratios, STEPS_M[:1])
+    fits = []
+    for height_m in (body.HEIGHT_MEAN_M, top_m):
+        start = upright_pose((*place, height_m))
+        pose = start.copy()
+        evidence, _ = samples.ascend(pose, start, SEARCH_PRIOR, stature, ratios, STEPS_M[:1])
+        fits.append((evidence, start, pose))
+    evidence, start, pose = max(fits, key=lambda fit: fit[0])
     if evidence < 0.5 * least:  # a finer step gains less
         return None
     evidence, curvature = samples.ascend(pose, start, SEARCH_PRIOR, stature, ratios, STEPS_M[1:])
