@@ -61,9 +61,11 @@ def check(call: Call) -> None:
 
 def _print_contents(call: Call, result: Result[Contents], recording: str) -> None:
     missing = [typed(error) for error in result.value.missing]
-    result = replace(result, values=result.to_json() | {"missing": missing})
-    if call.prints_json(result.to_json()):
+    values = result.to_json() | {"missing": missing}
+    if call.prints_json(values):
         return
-    print(result)
+    if fps := values.get("fps"):
+        values |= {"frames": f"{values['frames']} at {fps:.3f} per second", "fps": ""}
+    print(replace(result, values=values))
     if not missing:
         print(f"Next: planview run {recording} --out out --rrd")

@@ -27,7 +27,9 @@ def judge_ids(table: Trajectories) -> tuple[Trajectories, tuple[str, ...]]:
     frames, times_s = frame_times(table)
     set_back = frames[1:][np.diff(times_s) < 0]
     table, notes = judge_times(table)
-    starts = recording_starts(table, set_back)
+    starts, doubtful = recording_starts(table, set_back)
+    if len(doubtful):
+        notes = *notes, f"ids are used again after an empty room, at frame {doubtful[0]}: is it another recording?"
     if len(starts):
         recording = np.searchsorted(starts, table.frame, side="right")
         track_id = renumber(table.track_id, recording)
@@ -39,8 +41,9 @@ def judge_ids(table: Trajectories) -> tuple[Trajectories, tuple[str, ...]]:
     return table, (*notes, jumps) if jumps else notes
 
 
-def recording_starts(table: Trajectories, set_back: I64) -> I64:
-    """(R,) frames at which another recording begins: ids are used on both sides, and nobody walks on.
+def recording_starts(table: Trajectories, set_back: I64) -> tuple[I64, I64]:
+    """(R,) frames at which another recording begins: ids are used on both sides, and nobody walks on; and (D,) those at
+    which it may, since several people come back into an empty room.
 
     Args:
         set_back: frames at which times began again.
@@ -52,18 +55,18 @@ def recording_starts(table: Trajectories, set_back: I64) -> I64:
     is_short = steps.gap_s <= CLOSE_S
     jumps = is_short & is_jump(steps.step_s, steps.moved_m)
     if not len(steps.first) or jumps.mean() > JUMPS_MAX:
-        return frames[:0]
+        return frames[:0], frames[:0]
     jumping = _across(claimed, frames, steps, jumps)
     walking = _across(claimed, frames, steps, is_short & ~jumps)
-    is_used_again = _across(claimed, frames, steps, np.ones_like(jumps)) > 0
+    used_again = _across(claimed, frames, steps, np.ones_like(jumps))
     times_s = clock.at(frames)
     is_cut = np.diff(times_s, prepend=times_s[0]) > max(FORGOTTEN_S, 2 * clock.frame_s)  # frames may last longer
     is_cut[np.searchsorted(frames, set_back[set_back <= frames[-1]])] = True
-    begins = is_cut & is_used_again & (walking <= jumping)
-    most_jump = is_used_again & (jumping > 1) & (jumping > walking)
+    begins = is_cut & (used_again > 0) & (walking <= jumping)
+    most_jump = (jumping > 1) & (jumping > walking)
     for place in np.flatnonzero(most_jump & ~begins).tolist():
         begins[place] = not _is_exchange(claimed, frames[place - 1 : place + 1], times_s[place - 1 : place + 1])
-    return frames[begins]
+    return frames[begins], frames[~begins & (used_again > 2) & (jumping + walking == 0)]
 
 
 def _across(table: Trajectories, frames: I64, steps: Steps, chosen: Bool) -> I64:
@@ -81,8 +84,7 @@ def _is_exchange(table: Trajectories, frames: I64, times_s: F64) -> bool:
     before = np.flatnonzero((table.frame == frames[0]) & places.is_known)
     after = np.flatnonzero((table.frame == frames[1]) & places.is_known)
     away_m = places.apart_m(before[:, None], after)
-    step_s = np.full_like(away_m, times_s[1] - times_s[0])
-    return bool((~is_jump(step_s, away_m)).any(axis=1).all())
+    return bool((~is_jump(np.diff(times_s), away_m)).any(axis=1).all())
 
 
 def _jumps_note(table: Trajectories) -> str:
@@ -94,9 +96,9 @@ def _jumps_note(table: Trajectories) -> str:
         return ""
     ids = np.unique(table.track_id[steps.second[jumps]])
     longest = jumps[np.argmax(steps.moved_m[jumps])]
-    track_id = table.track_id[steps.second[longest]]
-    how = f"id {track_id} by {steps.moved_m[longest]:.1f} m at frame {table.frame[steps.second[longest]]}"
-    others = f" and {len(ids) - 1} others" if len(ids) > 1 else ""
+    there = steps.second[longest]
+    how = f"id {table.track_id[there]} by {steps.moved_m[longest]:.1f} m at frame {table.frame[there]}"
+    others = f" and {len(ids) - 1} others" * (len(ids) > 1)
     return f"ids jump farther than anybody walks, {how}{others}: their tracks end there; are ids used again?"
 
 

@@ -201,7 +201,7 @@ def _place_behind(points: F64, cameras: I64, frame: Explanation) -> F64:
     from each camera by its share of them. Between two that see front and back it is the mean."""
     radius_m = body.TORSO.torso_radius_m
     weights = points[LACKING]
-    place = np.average(points[:2].T, axis=0, weights=weights)
+    place = np.average(points[:2], 1, weights)
     share = np.bincount(cameras, weights, minlength=len(frame.views))
     out = place - np.array([view.rays.centre_m[:2] for view in frame.views])
     away = out / np.maximum(np.hypot(*out.T), radius_m)[:, None]
