@@ -36,9 +36,6 @@ WALKER_VISIBLE_FRAMES = 30
 BESIDE_WALKER_M = 0.3
 """The walker's path comes without ids: later the walker stands cut by the image's border, and so does a second person
 to the right [m] (README of the recording). Its frames without a row are not judged."""
-HALF_HEAD_M = 0.09
-"""The walker's path is on the side of the head that the camera sees; the truth of the other recordings, and a place, is
-the axis of the head behind it [m]."""
 SEPARATE_S = 0.5
 """Errors of places within one step of a walker are one error [s]."""
 SEPARATE_MIN = 4
@@ -122,12 +119,11 @@ def truth_of(folder: Path) -> Trajectories:
     rows = read_csv(folder / WALKER_PATH)
     both_stand = rows["frame"] >= WALKER_VISIBLE_FRAMES
     is_second = both_stand & (rows["x_m"] > BESIDE_WALKER_M)
-    behind = 1.0 + HALF_HEAD_M / np.hypot(rows["x_m"], rows["z_m"])
     columns = {
         "frame": rows["frame"],
         "id": 1 + is_second,
-        "x_m": behind * rows["x_m"],
-        "y_m": behind * rows["z_m"],
+        "x_m": rows["x_m"],
+        "y_m": rows["z_m"],
         "height_m": rows["height_m"],
         "visible": ~both_stand,
     }
@@ -135,7 +131,7 @@ def truth_of(folder: Path) -> Trajectories:
 
 
 def judged_frames(folder: Path, truth: Trajectories, n_frames: int) -> I64:
-    """(F,) frames in which tracks are judged, of a recording of at least so many."""
+    """(F,) frames in which tracks are judged, of a recording with at least ``n_frames``."""
     if (folder / "truth.csv").is_file():  # frames without a row are empty
         return np.arange(max(n_frames, int(truth.frame.max()) + 1))
     return np.unique(truth.frame)

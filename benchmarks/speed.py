@@ -42,7 +42,7 @@ BLOCK_PX = 5
 """Side of the block that bare stereo matches [px]."""
 BARE_DISPARITIES = 64
 WIDE_PX = 640
-"""Bare stereo searches so many disparities, and twice as many in images that are wider than this [px]."""
+"""Number of disparities that bare stereo searches, and twice as many in images that are wider than this [px]."""
 
 
 @benchmark

@@ -1,4 +1,4 @@
-"""Things that move, by themselves or with somebody: how many are taken for people, and who is lost to them."""
+"""Things that move, by themselves or with somebody: how many are tracked as people, and who is lost to them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from planview.synthetic.assets import SCENES
 
 @benchmark
 def things(*, seed: Sequence[int] = (1,), cache: Path | None = None) -> Report:
-    """Count the things that are taken for people, and the people lost to things, in rendered scenes.
+    """Count the things that are tracked as people, and the people lost to things, in rendered scenes.
 
     False positives are rows that show a thing, misses are rows of people without a track.
 

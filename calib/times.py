@@ -28,12 +28,12 @@ LATEST_S = 4.2e9
 JUMP_S = 3600.0
 """A step this long, or ten frame periods back, is a clock that was set, not a pause."""
 PAUSE_S = 600.0
-"""A longer step of a table's times is named [s]: no recorder pauses so long unnoticed."""
+"""A longer step of a table's times is named [s]: no recorder pauses for longer unnoticed."""
 SLOW_S = 2.0
 """Steps from which nobody can be followed from frame to frame [s]: at a walking pace they are three metres. No buffer
 of a camera holds frames for longer."""
 WRONG_UNIT_S = 5.0
-"""Milliseconds read as seconds make a frame last so long at up to 200 frames per second."""
+"""Milliseconds read as seconds make a frame last longer at up to 200 frames per second."""
 FASTEST_FPS = 1e4
 """Nobody records people at a higher rate: such times are days, as spreadsheets count them."""
 EVEN_SHARE = 0.5
@@ -87,8 +87,8 @@ def read_stamps(source: Path | str, texts: Sequence[str], unit: str | None = Non
 
 
 def unit_of(numbers: F64, named: str | None = None) -> str:
-    """The unit of (n,) times: the one that is named, unless no clock counts so many of it; that in which they are times
-    since 1970; else that of their usual step."""
+    """The unit of (n,) times: the one that is named, unless no clock counts that many of it; that in which they are
+    times since 1970; else that of their usual step."""
     finite = numbers[np.isfinite(numbers)]
     largest_s = float(np.abs(finite).max(initial=0.0)) / NS["s"]
     if named is not None and largest_s * NS[named] <= LATEST_S:

@@ -1,6 +1,6 @@
 """A sensor of one's own: a stereo pair that forgets what is farther away than some metres.
 
-A sensor measures depth, says what its pixels show, and keeps people from becoming background
+A sensor measures depth, classifies its pixels, and keeps people from becoming background
 (``planview.Sensor``). This one wraps the sensor of a pair and changes what it measures; a sensor of your own
 would give its depth there. Whoever is farther away is still seen by colour, and followed with a less certain place.
 

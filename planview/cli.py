@@ -150,7 +150,7 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | N
     atexit.register(gc.freeze)  # nor does it help an end: Python looks through all that was imported
     _stop_on_signals()
     warnings.showwarning = _note
-    warnings.simplefilter("default", UserWarning)  # each command says what an earlier one in this process has said
+    warnings.simplefilter("default", UserWarning)  # each command repeats what an earlier one in this process has said
     try:
         _refuse_empty(words)
         (make or make_app)(words)(words, exit_on_error=False, print_error=False)

@@ -101,7 +101,8 @@ class PairFrames:
         both signs are searched in four frames, and rows that are wide apart, as they are when the wrong calibration is
         taken to an image: a rig turned by 2 degrees still matches.
         """
-        if self.correction.after_px < ON_ROW_PX:
+        is_measured = np.isfinite(self.correction.deviations).any()
+        if is_measured and self.correction.after_px < ON_ROW_PX:
             return self.correction.matches
         geometry = self.plain.geometry
         searched = disparity_range(geometry)
@@ -255,7 +256,7 @@ def align_plane(plane: Plane, left: AnyArray, right: AnyArray, depth: F32, geome
     Semi-global matching smooths what stands on a floor into it: over the plane its disparities are off by a tenth of a
     pixel, 0.7 degrees of tilt. Here all pixels of the plane are matched at once, by Gauss-Newton on both images less
     their local mean, over their local deviation, with Tukey's weights (Baker and Matthews 2004). Free are the plane and
-    what a calibration leaves: a turn of one camera (x^2, x y) and the lenses (x r^2), which are small.
+    what a calibration leaves: a rotation of one camera (x^2, x y) and the lenses (x r^2), which are small.
 
     Args:
         plane: first guess.

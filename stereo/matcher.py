@@ -128,7 +128,7 @@ KEPT_MAX = 3
 """Most pairs in a row that keep a disparity. The background learns how much disparities vary from their noise, which a
 kept one hides; at 30 frames per second each of its pixels learns from every fourth frame only."""
 FIRST_PAIRS = 100
-"""So many pairs are matched whatever they show: the background begins, and every observation of it counts alike."""
+"""First pairs, matched whatever they show: the background begins, and every observation of it counts alike."""
 SLOPE_NOISE = 12.0
 """Squared slopes that 5x5 samples of noise alone add up to [grey levels^2 / px^2]: .7 of a level each."""
 

@@ -38,7 +38,7 @@ _CELLS = 12
 _CELLS_MIN = 20
 """Fewest cells with matches that determine five angles."""
 _MOUNT_DEG = 0.3
-"""Standard deviation of the turn of a camera in its mount since calibration, about each axis (factory
+"""Standard deviation of the rotation of a camera in its mount since calibration, about each axis (factory
 calibrations of some years have 0.1 to 0.2)."""
 _LENS = 2e-4
 """Standard deviation of a lens's decentring coefficients (what calibrations with boards state)."""
@@ -139,7 +139,7 @@ def measure_correction(
 
 
 def fit_correction(matches: F64, geometry: RectifiedGeometry) -> RigCorrection:
-    """The most probable turn of the right camera since its calibration, and its deviation.
+    """The most probable rotation of the right camera since its calibration, and its deviation.
 
     Least squares (Huber) on the epipolar error of the essential matrix (Hartley and Zisserman 2004, section 9.6) in
     normalised coordinates. Prior: either camera turned in its mount by a few tenths of a degree, and the lenses are
@@ -240,7 +240,7 @@ def _row_offset(values: F64, left: F64, right: F64) -> F64:
     """(N,) row offsets at unit depth between left and right rays of unit depth (N, 3) that values leave.
 
     Args:
-        values: (7,) angles of a ``RigCorrection``, turn of the baseline about y and z [rad], and decentring of the
+        values: (7,) angles of a ``RigCorrection``, rotation of the baseline about y and z [rad], and decentring of the
             right lens against the left one.
     """
     u, v, w = SE3.from_rotvec(values[:3]).rotation @ right.T

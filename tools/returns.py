@@ -22,7 +22,7 @@ from planview.output.run_folder import RunFolder
 from planview.trajectories.table import Trajectories
 
 AWAY_S = 1.0
-"""Somebody without a row in the truth for so long has left."""
+"""Somebody has left after this time without a row in the truth [s]."""
 
 
 class Return(NamedTuple):

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
+import yaml
 
 from calib.camera import Camera, LensModel
 from calib.errors import InputError
@@ -337,19 +338,25 @@ MAX_CHARACTERS = 100_000
 _OPENCV_TAG = re.compile(r"!!opencv-[a-z-]+")
 
 
+class _PlainLoader(yaml.SafeLoader):
+    """Values only, without references, by which a small file can stand for gigabytes."""
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """One value; those inside it are composed by the same method."""
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("a reference (*name)")
+        return super().compose_node(parent, index)
+
+
 def parse_yaml(text: str) -> Mapping[str, Any]:
     """A YAML mapping; OpenCV's ``%YAML:1.0`` header (any style) and its tags are taken off first. Raises ValueError:
     not YAML, or no mapping at the top."""
-    import yaml  # a hundredth of a second
-
-    from calib.formats.plain_yaml import PlainLoader
-
     if len(text) > MAX_CHARACTERS:
         raise ValueError(f"expected YAML of up to {MAX_CHARACTERS} characters, found {len(text)}")
     try:
         plain = _OPENCV_TAG.sub("", _HEADER.sub("", text.lstrip()))
         # Of several documents (ros2 topic echo prints one per message) the first.
-        data = next(yaml.load_all(plain, PlainLoader), None)
+        data = next(yaml.load_all(plain, _PlainLoader), None)
     except yaml.YAMLError as error:
         raise ValueError(f"expected YAML, found {' '.join(str(error).split())}") from error
     # PyYAML's own constructors leak these on odd scalars such as "!!bool x" or a day 99, and on deep nesting.
@@ -362,8 +369,6 @@ def parse_yaml(text: str) -> Mapping[str, Any]:
 
 def yaml_text(values: Mapping[str, Any]) -> str:
     """YAML with every list on a line of its own; floats keep all their digits."""
-    import yaml
-
     return yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=10_000)
 
 

@@ -56,7 +56,7 @@ def load_one_camera(path: Path, size: Size | None = None) -> GroundCamera:
         if size and lens.size and size[0] * lens.size[1] == size[1] * lens.size[0]:
             focal_px *= size[0] / lens.size[0]
         actual = f"found only a lens ({lens.name}, focal length {focal_px:.0f} px)"
-        raise NoCameraError(f"{path}: expected a camera.toml, which also says where the camera is, {actual}", focal_px)
+        raise NoCameraError(f"{path}: expected a camera.toml, which has its place as well, {actual}", focal_px)
     if not _is_camera_toml(path, source):
         raise InputError(f"{path}: expected a camera.toml or a Tsai XML, found neither")
     return _fit_size(load_ground_camera(path), path, size)

@@ -166,7 +166,7 @@ def _matrix(table: Mapping[str, Any]) -> F64:
         return np.array([base.number_at(table, "fx"), base.number_at(table, "fy"), *centre])
     matrix = base.numbers(_first(table, _MATRIX), "camera matrix", 9).reshape(3, 3)
     is_by_columns = matrix[0, 2] == 0 and matrix[2, 0] != 0
-    return np.asarray((matrix.T if is_by_columns else matrix).ravel())
+    return np.asarray((matrix.T if is_by_columns else matrix).ravel(), dtype=np.float64)
 
 
 def _pose(data: Mapping[str, Any], is_by_columns: bool) -> SE3 | None:

@@ -112,8 +112,8 @@ def verdict(checks: Sequence[Check]) -> list[str]:
     failed = [check for check in checks if check.failed]
     warned = [check for check in checks if not check.ok and check.warns]
     warnings = f"{len(warned)} warning{'s' * (len(warned) > 1)}"
-    lines = [f"failed: {c.sentence}" for c in failed] + [f"warning: {c.sentence}" for c in warned]
-    lines.sort(key=lambda line: not line.startswith("warning: explanation"))
+    beyond = sorted([*failed, *warned], key=lambda check: check.name != "explanation")
+    lines = [f"{'failed' if check.failed else 'warning'}: {check.sentence}" for check in beyond]
     if failed:
         also = f" and {warnings}" if warned else ""
         count = f"{len(failed)} of {len(checks)} checks failed{also}"

@@ -49,7 +49,7 @@ def sweep(
         progress: Called after every run.
 
     Returns:
-        Every run; ``error`` says why one failed, and then ``ok`` is false.
+        Every run; ``error`` is why one failed, and then ``ok`` is false.
 
     Raises:
         InputError: a study or recording that cannot be read, or parameters that do not exist.

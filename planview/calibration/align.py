@@ -267,7 +267,7 @@ def _refine(motion: RigAlignment, first: Paths, second: Paths, meet_m: float, di
     sigma = max(float(np.median(np.abs(left)) / 0.6745), 1e-3)
     normal = jacobian.T @ jacobian + 1e-9 * np.eye(4)
     effect = np.linalg.solve(normal, jacobian.T @ systematic_m)
-    # Errors of a track's positions last about so long [s]: a sample counts as the share of it that a tick is.
+    # How long errors of a track's positions last [s]: a sample counts as the share of it that a tick is.
     covariance = np.linalg.inv(normal) * sigma**2 * (1.0 / TICK_S) + effect @ effect.T
     heading, x, y, clock_s = result.x.tolist()
     shift = np.array([x, y]) - floor_rotation(heading) @ pivot

@@ -98,7 +98,7 @@ class BoardImages:
 
 
 def _spread(total: int, count: int) -> list[int]:
-    """Up to so many indices, evenly spread."""
+    """Up to n indices, evenly spread."""
     return sorted({int(index) for index in np.linspace(0, total - 1, min(total, count))})
 
 

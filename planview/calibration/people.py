@@ -106,7 +106,7 @@ def collect_samples(
     paths: list[BodyPath] = []
     for frame in video:
         mask = camera.look(camera.measure(frame.images, clock), frame, clock).foreground
-        # The background is learned for so long before samples are taken [s].
+        # How long the background is learned before samples are taken [s].
         if frame.timestamp_s >= 1.0 and mask is not None:
             continue_paths(paths, bodies_of(mask, frame.index), frame.index)
         progress(frame.index + 1, video.n_frames or None)

@@ -32,7 +32,7 @@ MIN_MATCHES = 60
 
 
 def alignment_checks(seen: PairFrames) -> list[Check]:
-    """Row offset, what turn of a camera explains it, and left-right order."""
+    """Row offset, which rotation of a camera explains it, and left-right order."""
     plain = seen.plain
     matches = seen.matches
     offset_px = math.nan

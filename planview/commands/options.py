@@ -39,7 +39,7 @@ def typed(error: InputError | WorkError) -> str:
 
 
 def usage_of(function: Callable[..., None], name: str) -> str:
-    """The line that says how a command is typed."""
+    """The line with how a command is typed."""
     words = [f"Usage: planview {name.replace('_', ' ')}"]
     for one in inspect.signature(function).parameters.values():
         shown = one.name.upper()

@@ -29,7 +29,7 @@ GRID_LINES = 40
 """About as many lines each way; on a larger floor not every metre has one."""
 SAMPLE_M = 0.2
 MAX_SAMPLES = 2000
-"""A line on the floor is projected every SAMPLE_M, at so many places at most."""
+"""Number of places at most at which a line on the floor is projected, every SAMPLE_M."""
 LEGIBLE_WIDTH_PX = 640
 """Narrower images are enlarged, so that labels are legible."""
 WHITE = (255, 255, 255)

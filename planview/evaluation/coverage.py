@@ -17,7 +17,7 @@ from planview.trajectories.table import Trajectories, ordinal, rows_by_id
 
 GOES_ON_S = 1.0
 """A track that continues for longer after the last row of a truth shows that the truth ends before the recording [s]:
-nobody is followed so long after leaving (our choice)."""
+nobody is followed for that long after leaving (our choice)."""
 OUTSIDE = 0.1
 """Share of the rows that must lie outside of the truth's places: tracks end a little after people leave."""
 MOSTLY = 0.5

@@ -157,7 +157,7 @@ def _frames_with_rows(tracks: Trajectories, truth: Trajectories) -> tuple[int, i
 
 
 def _score(tracks: Trajectories, truth: Trajectories, params: EvaluationParams, n_frames: int) -> Evaluation:
-    """Scores of the rows of so many frames, without what would explain them."""
+    """Scores of the rows of a number of frames, without what would explain them."""
     frame_s = frame_period_s(tracks, 1.0 / params.fps)
     on_floor = params.match_on == "floor"
     confirmed, predicted, people, alignment = _comparable(tracks, truth, params)

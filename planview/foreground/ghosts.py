@@ -33,7 +33,7 @@ START_S = 6.0
 """Time from the first frame in which people of that frame set out [s]: ghosts are then searched in every frame, and
 distinguished from people who overlap them. Twice the time in which the background settles."""
 STILL_S = 0.7
-"""In that time, a blob that has not moved for so long is a ghost, unless a tracked person has walked there [s].
+"""In that time, a blob that has not moved since is a ghost, unless a tracked person has walked there [s].
 People who come in walk: what stays for this long, half a step, and has not walked is where a person was."""
 GHOST_MOTION = 0.02
 """Largest moving share of a ghost's pixels, for noise. A passer-by merges with it into one blob, which is examined

@@ -125,7 +125,7 @@ def _refuse_mixed(runs: Sequence[NamedTracks], panels: Sequence[Panel]) -> None:
     if len(in_metres) > 1:
         raise InputError("some of the runs are in metres and some in pixels; plot them one by one")
     if len(runs) > 1 and "density" in panels:
-        raise InputError("density of several runs cannot be told apart in one plot")
+        raise InputError("density of several runs cannot be distinguished in one plot")
 
 
 class _Style(NamedTuple):

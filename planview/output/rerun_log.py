@@ -100,7 +100,7 @@ class RerunLog:
         refuse_full_disk(self._path)
         self._frames.log(result, has_images=result.frame % self._every == 0)
         self._count += 1
-        # So many frames may wait for rerun's thread: on a busy machine they would pile up in memory.
+        # The most frames that may wait for rerun's thread: on a busy machine they would pile up in memory.
         if self._count % 100 == 0:
             self._flush()
 

@@ -47,7 +47,7 @@ SLOW_DOWN_S = 0.7
 LEAVE_S = 0.7
 """Mean time that a person beyond the border stays unknown and near [s]."""
 TURNING_RAD2_PS = 1.0
-"""Variance of the turn of a person within a second [rad^2/s]."""
+"""Variance of the rotation of a person within a second [rad^2/s]."""
 SIDEWARD_RAD = 0.25
 """Deviation of a walker's chest from the direction of walking [rad]."""
 STROLL_MPS = 0.5

@@ -22,8 +22,8 @@ FPS_MAX = 10_000.0
 AREA_MARGIN_M = 1.0
 """Between the outermost position and the walkable area where none is known [m]."""
 SPECK = 100.0
-"""A polygon that is so many times as wide as the floor that people use, or as a metre, is in another unit: centimetres
-at the least."""
+"""A polygon that is this many times as wide as the floor that people use, or as a metre, is in another unit,
+centimetres at least."""
 _WKT = re.compile(r"(POLYGON|MULTIPOLYGON|GEOMETRYCOLLECTION)[\s(),.\dA-Za-z+-]*", re.IGNORECASE)
 
 

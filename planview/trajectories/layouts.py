@@ -85,7 +85,7 @@ def read_jsonl(path: Path) -> TrajectoryFile:
 
 def _numbers(frame: dict[str, Any], person: dict[str, Any]) -> F64:
     """The NUMBER_COLUMNS of one person, NaN where one is null or missing, and for a time in words."""
-    cells = dict(zip(BOX_COLUMNS, person.get("box_px") or (), strict=False))
+    cells = dict(zip(BOX_COLUMNS, person.get("box_px") or [None] * 4, strict=True))
     time = frame.get("timestamp_s")
     cells |= {"frame": frame["frame"], "timestamp_s": None if isinstance(time, str) else time, "id": person["id"]}
     return np.array([cells.get(name, person.get(name)) for name in NUMBER_COLUMNS], dtype=np.float64)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from PIL import Image
 
 from calib.errors import InputError
 from calib.formats import load_rig
@@ -137,8 +138,6 @@ def _deep_files(files: Sequence[Path]) -> list[Path]:
 
 def _is_deep(file: Path) -> bool:
     """True if an image has one channel of more than 8 bits, by its header."""
-    from PIL import Image
-
     with suppress(Exception), Image.open(file) as header:  # libraries raise whatever a damaged file provokes
         return header.mode.startswith(("I", "F"))
     return False

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from functools import partial
 from io import BytesIO
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
+from PIL import Image
 
 from calib.errors import InputError, UnreadableError
 from calib.images import as_colour, as_grey
@@ -23,6 +23,7 @@ from calib.types import F64, I64, U8, AnyArray
 from stereo.depth import Depths
 from stereo.recording import Decoded
 
+Image.MAX_IMAGE_PIXELS = None  # ``MAX_PIXELS`` is checked
 warnings.filterwarnings("ignore", module="PIL")  # of damaged headers: what cannot be decoded is reported as such
 
 Size = tuple[int, int]
@@ -272,9 +273,6 @@ def decode_image(data: bytes) -> AnyArray:
 
 def decode(data: bytes, flags: int) -> AnyArray:
     """The image as OpenCV decodes it, or UnreadableError; the size in its header is checked before memory is taken."""
-    from PIL import Image  # a hundredth of a second, and videos do without
-
-    Image.MAX_IMAGE_PIXELS = None  # ``MAX_PIXELS`` is checked
     if strange := strange_content(data):
         raise UnreadableError(strange)
     image = None
@@ -296,7 +294,7 @@ def decode(data: bytes, flags: int) -> AnyArray:
     return np.asarray(image)
 
 
-def _pages(header: Any) -> int:
+def _pages(header: Image.Image) -> int:
     """Pictures in an opened file (TIFF, GIF, PNG, WebP, a stereo pair in MPO); a smaller second one is a preview."""
     size = header.size
     with suppress(Exception):  # a damaged second one matters to nobody

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from PIL import Image
 
 from calib.errors import InputError
 from calib.formats import load_rig
@@ -146,8 +147,6 @@ def _find(path: Path, options: OpenOptions) -> Layout:
 
 def _holds_photos(path: Path) -> bool:
     """Whether a folder holds images that are wide enough for two views."""
-    from PIL import Image
-
     files = image_files(path) if path.is_dir() else []
     with suppress(Exception), Image.open(files[0] if files else "") as header:  # whatever a damaged file provokes
         return len(files) > 1 and header.width >= 1.8 * header.height

@@ -21,8 +21,8 @@ from planview.tracking.kalman import FloorKalman
 from planview.tracking.odds import probability
 
 BENT_SHARE = 0.7
-"""Deviation of a head's place for each metre by which it was seen lower than upright: how bent bodies stand (our
-choice: rendered people)."""
+"""Deviation of a head's place for each metre by which it was seen lower than upright, of people who bow (our choice:
+rendered people)."""
 GAIT_M = 0.03
 """A head bobs while walking [m]."""
 HEIGHT_SEEN_STD_M = 0.08
